@@ -58,7 +58,7 @@ coverage: $(VENV)/.dev  ## the tests, and the statements of txt1 and its plug-in
 	$(BIN)/python -m pytest --numprocesses=2 --dist=worksteal --cov=txt1 $(PLUGINS:plugins/%=--cov=plugins/%) --cov-report=term:skip-covered
 
 # The environment has the packages of $(VENV), so nothing is resolved anew. Tests of tests/ run against the sources of txt1,
-# without a plug-in; those of plug-ins against the wheels: the tree comes after what is installed, and is no one's folder.
+# without a plug-in; those of plug-ins against the wheels, as PYTHONSAFEPATH keeps the tree from coming before them.
 test-plugins: $(VENV)/.dev  ## all other tests without any plug-in, then those of each plug-in, its wheel alone beside txt1's
 	rm -rf build plugins/*/build && mkdir build
 	$(BIN)/python -m pip --disable-pip-version-check freeze --all --exclude-editable > build/packages.txt

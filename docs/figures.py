@@ -26,7 +26,7 @@ PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     "python -m benchmarks robots": SIMULATION,
     "python -m benchmarks recording": (*SIMULATION, "txt1/record"),
     "python -m benchmarks.punctuality": REAL_TIME,
-    "python -m benchmarks.learning_steps": ("txt1/sim/batch.py", "txt1/learning"),
+    "python -m benchmarks.learning_steps": ("txt1/sim/batch.py", "txt1/sim/machine_code.py", "txt1/learning"),
     "python -m benchmarks learning_time": (*SIMULATION, "txt1/learning"),
     "python -m docs.thesis_readings": (*SIMULATION, "txt1/learning/thesis.py"),
     "python -m txt1_learners.studies": ("plugins/learners/txt1_learners/pilot.py",),

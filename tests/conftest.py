@@ -59,7 +59,7 @@ def pytest_collection() -> Generator[None, object, object]:
 def pytest_collection_finish() -> None:
     """Keep what was collected away from the garbage collector: every robot in real time looks through the rest.
 
-    It is also looked for seldom: a test makes little, and each look goes through all that the tests before it left.
+    Garbage is also looked for seldom: a test makes little, and each look goes through what the tests before it left.
     """
     gc.collect()
     gc.freeze()

@@ -78,8 +78,9 @@ class Streaming:
 
     def _send(self, line: socket.socket) -> None:
         with line, suppress(OSError):
-            # so many are looked at before the first is handed out
-            line.sendall(PICTURE * 130)
+            if self._outage is None:
+                # so many are looked at before the first is handed out
+                line.sendall(PICTURE * 130)
             while self._outage is not Outage.UNPLUGGED:
                 if self._outage is None:
                     line.sendall(PICTURE)

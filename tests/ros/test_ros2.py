@@ -256,6 +256,7 @@ def obeyed_for(file: Path, way: int = 1) -> float:
                 given = max(given, message["given"])
         elif item.topic == "/setpoint" and way * decoding.values(item)["twist"]["linear"]["x"] > 0.0:
             moving = reading.run_time(item)
+    assert given and moving, "no command, or it was not obeyed"
     return moving - given
 
 

@@ -113,7 +113,8 @@ class Ld19Decoder(Framed[Scan]):
             if self._ranges is not None:
                 mm, intensity = numbers[2 * k], numbers[2 * k + 1]
                 near, beam = mm / 1000.0 if mm else inf, round(angle / 360.0 * BEAMS) % BEAMS
-                if isnan(self._ranges[beam]) or near < self._ranges[beam]:
+                # what is too near to be measured tells nothing
+                if near >= RANGE_MIN and (isnan(self._ranges[beam]) or near < self._ranges[beam]):
                     self._ranges[beam], self._intensities[beam] = near, intensity
 
     def _turn(self, time: float, speed: float, found: list[Measured[Scan]]) -> None:
@@ -122,7 +123,7 @@ class Ld19Decoder(Framed[Scan]):
         self._ranges, self._intensities = np.full(BEAMS, nan, np.float32), np.zeros(BEAMS, np.float32)
         if ranges is None or not 0.0 < time - self._began < 2.0 * 360.0 / speed:
             return
-        ranges[(ranges < RANGE_MIN) | (ranges > RANGE_MAX)] = inf
+        ranges[ranges > RANGE_MAX] = inf
         step = -tau / BEAMS
         turn = 360.0 / speed
         scan = Scan(0.0, step, turn / BEAMS, ranges, RANGE_MIN, RANGE_MAX, intensities, self._mount, turn)

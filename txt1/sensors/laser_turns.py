@@ -25,13 +25,15 @@ def scan_of_turn(
 ) -> Scan:
     """Return a turn that took `turn` s as a scan, clockwise from straight ahead; each beam has its nearest sample.
 
-    `angles` are in degrees clockwise; `mm` is 0 or less for no hit. A beam is not known (NaN) without a sample, or with
-    samples nearer than range_min (m) alone; without a hit, or with one beyond range_max, it is free (inf).
+    `angles` are in degrees clockwise; `mm` is 0 or less for no hit. Without a hit, or with one beyond range_max (m), a
+    beam is free (inf). It is not known (NaN) without a sample, or where the only hit is nearer than range_min.
     """
     beam = np.rint(angles / 360.0 * beams).astype(int) % beams
     near = np.where(mm > 0.0, mm / 1000.0, inf)
-    near[near < range_min] = nan
     near[near > range_max] = inf
+    close = near < range_min
     ranges = np.full(beams, nan)
-    np.fmin.at(ranges, beam, near)
+    np.fmin.at(ranges, beam[~close], near[~close])
+    hidden = beam[close]
+    ranges[hidden[np.isinf(ranges[hidden])]] = nan
     return Scan(0.0, -tau / beams, turn / beams, ranges.astype(np.float32), range_min, range_max, None, mount, turn)
