@@ -111,7 +111,7 @@ class Watched(ThesisAgent):
         """Note the decision."""
         state = self.state()
         action = super().act(now, odometry)
-        best = state is not None and bool(self.q[state, action] == self.q[state].max())
+        best = state is not None and self.q[state][action] == max(self.q[state])
         self._log.append((now, state, action, best))
         return action
 

@@ -489,7 +489,7 @@ def test_what_was_learned_drives_to_the_light(agent: str, tmp_path: Path, capsys
 
 def process(out: Path, *more: str) -> subprocess.Popen[str]:
     """`txt1 learn` as a process in a group of its own, as a terminal starts it."""
-    words = ["learn", "--world", "thesis", "--trials", "3", "--episodes", "6", "--seed", "3", "--out", str(out), *more]
+    words = ["learn", "--world", "thesis", "--trials", "9", "--episodes", "6", "--seed", "3", "--out", str(out), *more]
     return subprocess.Popen(
         [sys.executable, "-m", "txt1", *words],
         stderr=subprocess.PIPE,
@@ -499,7 +499,7 @@ def process(out: Path, *more: str) -> subprocess.Popen[str]:
     )
 
 
-PROCESS = Plan("thesis", 3, 6, 3, load(options={"seed": 3}).config)
+PROCESS = Plan("thesis", 9, 6, 3, load(options={"seed": 3}).config)
 """What it does."""
 
 

@@ -588,7 +588,7 @@ def test_a_servo_board_is_driven_by_one_robot_at_a_time(tmp_path: Path) -> None:
         await one.open()
         try:
             assert not pi_guard.neutral_without_guard(setup(bus=bus)), "nor written to beside its guard"
-            with pytest.raises(HalError, match=r"another robot.*end it first"):
+            with pytest.raises(HalError, match=r"end it first: .*another robot"):
                 await two.open()
             held = pi_guard.claim(setup(bus=bus, address=0x41))
             os.close(held)
