@@ -137,6 +137,29 @@ def test_a_robot_that_is_put_on_its_start_by_hand_never_drives_there_itself() ->
     assert trial.phase is Phase.DRIVE and not trial.handed.get_nowait().void
 
 
+@pytest.mark.parametrize("why", ["disarmed", "another drives", "no pose"])
+async def test_whatever_ends_a_rest_the_robot_rests_for_half_a_second_once_it_is_over(why: str) -> None:
+    async with Robot.open("sim", settings=ENDLESS, seed=1) as robot:
+        assert await robot.load_gains()
+        trial = StepTrial(task_named("pose", robot.config), np.random.default_rng(3), by_hand=True)
+        known, keys = [True], robot.source("keys")
+        LearningTask(robot, trial, PoseSource("ceiling", lambda: true_pose(robot).read() if known[0] else None)).start()
+        trial.placed(robot.now)
+        await asyncio.sleep(0.3)
+        if why == "another drives":
+            assert keys.hold(0.1, 0.0)
+        known[0] = why != "no pose"
+        await asyncio.sleep(0.2)
+        robot.disarm() if why == "disarmed" else keys.release()
+        await asyncio.sleep(1.0)
+        assert trial.phase is Phase.REST and trial.handed.empty()
+        robot.arm()
+        known[0], over = True, robot.now
+        while trial.handed.empty():
+            await asyncio.sleep(0.01)
+        assert robot.now - over == pytest.approx(0.5, abs=0.07) and not trial.handed.get().void
+
+
 def test_by_hand_it_begins_where_it_stands_waits_for_the_next_arming_and_records(tmp_path: Path) -> None:
     log = tmp_path / "drive.mcap"
     settings = [*ENDLESS, "seed=2", "sim.start=[3,1,0]"]

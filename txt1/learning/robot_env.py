@@ -122,7 +122,7 @@ class StepTrial:
         """Return the velocity to command, m/s and rad/s, at a pose in the room."""
         if not armed:
             self.void()
-            self._since = now
+        self._since = min(self._since, now)
         if self.phase is Phase.REST:
             seen = self._filter.settled or not self.task.light
             ready = seen and (self.ranges is not None or not self.task.laser)
@@ -180,7 +180,7 @@ class StepTrial:
             # before its first observation nobody knows of it
             known = self.phase is Phase.DRIVE and (self._steps > 0 or self._asked)
             again = Phase.REST if self._by_hand else Phase.MOVE
-            self.phase, self._command = Phase.WAIT if known else again, (0.0, 0.0)
+            self.phase, self._command, self._since = Phase.WAIT if known else again, (0.0, 0.0), inf
             if known:
                 self.handed.put(EnvStep(np.zeros(len(self.task.low), np.float32), truncated=True, void=True))
 
