@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Callable
 from math import atan2, hypot, pi
 from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +27,7 @@ from txt1.navigation import PoseSource
 from txt1.navigation.pose_source import true_pose
 from txt1.record.reader import FilePass
 from txt1.robot import Robot
+from txt1.tasks.fields import LOG
 
 pytest.importorskip("gymnasium")
 
@@ -160,29 +164,62 @@ async def test_whatever_ends_a_rest_the_robot_rests_for_half_a_second_once_it_is
         assert robot.now - over == pytest.approx(0.5, abs=0.07) and not trial.handed.get().void
 
 
+class ByHand(RobotEnv):
+    """A simulated robot that a person carries."""
+
+    def __init__(self, **options: Any) -> None:
+        # it has said that it waits for a person
+        self.waits = threading.Event()
+        settings = [*ENDLESS, "seed=2", "sim.start=[3,1,0]"]
+        super().__init__("pose", settings=settings, hal="sim", arm=True, by_hand=True, prepare=self._known, **options)
+
+    async def _known(self, robot: Robot) -> None:
+        self.robot, self.loop = robot, asyncio.get_running_loop()
+        robot.runtime.bus.subscribe(lambda _, one, time: "new start" in one.text and self.waits.set(), [LOG])
+        robot.alongside.append(asyncio.ensure_future(self.person()))
+
+    async def person(self) -> None:
+        """Whoever is beside the robot."""
+
+    def begins_once_armed(self, arm: Callable[[], None]) -> None:
+        """An episode begins when the robot is armed, and not before."""
+        began: SimpleQueue[float] = SimpleQueue()
+        anew = threading.Thread(target=lambda: (self.reset(), began.put(self.robot.now)))
+        anew.start()
+        assert self.waits.wait(30.0), "it waits for a person"
+        armed: SimpleQueue[float] = SimpleQueue()
+        self.loop.call_soon_threadsafe(lambda: (armed.put(self.robot.now), arm()))
+        assert began.get(timeout=30.0) >= armed.get() + 0.5
+        anew.join()
+
+
 def test_by_hand_it_begins_where_it_stands_waits_for_the_next_arming_and_records(tmp_path: Path) -> None:
     log = tmp_path / "drive.mcap"
-    settings = [*ENDLESS, "seed=2", "sim.start=[3,1,0]"]
-    known: list[tuple[Robot, asyncio.AbstractEventLoop]] = []
-
-    async def prepare(robot: Robot) -> None:
-        known.append((robot, asyncio.get_running_loop()))
-
-    with RobotEnv("pose", settings=settings, hal="sim", arm=True, by_hand=True, log=log, prepare=prepare) as env:
-        robot, loop = known[0]
+    with ByHand(log=log) as env:
         seen, _ = env.reset()
-        assert true_pose(robot).pose()[:2] == pytest.approx((3.0, 1.0), abs=0.05)
+        assert true_pose(env.robot).pose()[:2] == pytest.approx((3.0, 1.0), abs=0.05)
         env.step(steered(seen))
-        loop.call_soon_threadsafe(robot.disarm)
+        env.loop.call_soon_threadsafe(env.robot.disarm)
         assert env.step(steered(seen))[4]["void"]
-        anew = threading.Thread(target=env.reset)
-        anew.start()
-        anew.join(0.7)
-        assert anew.is_alive(), "it waits for a person"
-        loop.call_soon_threadsafe(robot.arm)
-        anew.join(10.0)
-        assert not anew.is_alive()
+        env.begins_once_armed(env.robot.arm)
     assert "/learning/step" in {item.topic for item in FilePass(log)}
+
+
+def test_a_robot_that_was_carried_on_while_it_rested_waits_for_a_person_before_the_next_episode() -> None:
+    class Carried(ByHand):
+        async def person(self) -> None:
+            while not (self.robot.armed and self.trial.phase is Phase.REST):
+                await asyncio.sleep(0.02)
+            self.robot.disarm()
+            await asyncio.sleep(0.2)
+            self.robot.place(1.0, 2.0, 0.0)
+            self.robot.arm()
+
+    with Carried() as env:
+        seen, _ = env.reset()
+        assert true_pose(env.robot).pose()[:2] == pytest.approx((1.0, 2.0), abs=0.05)
+        assert not env.step(steered(seen))[4]["void"] and not env.waits.is_set()
+        env.begins_once_armed(lambda: (env.robot.disarm(), env.robot.arm()))
 
 
 def test_the_environment_runs_the_robot_in_a_thread_and_stops_it() -> None:

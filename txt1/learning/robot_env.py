@@ -246,7 +246,10 @@ class RobotEnv(gymnasium.Env[Observation, Any]):
         while not trial.handed.empty():
             trial.handed.get_nowait()
         asyncio.run_coroutine_threadsafe(self._begin(), self._loop)
-        return self._next().seen, {}
+        first = self._next().seen
+        # whoever armed it anew while it rested has put it there
+        self._epoch = self._robot.runtime.gate.epoch
+        return first, {}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Carry out a decision on the robot; return observation, reward, terminated, truncated and `info`.
@@ -293,7 +296,6 @@ class RobotEnv(gymnasium.Env[Observation, Any]):
             robot.tell("put the robot on a new start: disarm it, carry it there, and arm it again")
         while self._epoch == gate.epoch or not robot.armed:
             await asyncio.sleep(0.05)
-        self._epoch = gate.epoch
         self.trial.placed(robot.now)
 
     async def _drive(self) -> None:
