@@ -18,6 +18,9 @@ The card is YAML. The numbers of all its sights, one after the other, are the ne
   it has a number for each, and the largest is taken.
 - `rate` is how often a second it is asked, at most.
 
+Its weights are in the file, or in `foreign.onnx.data` beside it, as PyTorch's exporter writes them; together at most
+16 MB. onnxruntime gets the bytes and opens no file, whatever the network names.
+
 A network whose shapes differ from the card is refused in words, and so is a robot that lacks what it sees. It drives as
 a taught policy does (`policy_driver`), behind the same gate. It has no ensemble, so it has no doubt.
 """
@@ -142,10 +145,15 @@ class ForeignPolicy:
         self.path, self.card = path, card
         object.__setattr__(card, "radius_min", config.geometry.radius_min)
         self._lock = tan(config.geometry.steering_max)
+        beside = path.with_name(f"{path.name}.data")
+        there = beside.exists()
+        if there and beside.resolve().parent != path.parent.resolve():
+            raise PolicyError(f"{beside}: it is a link into another folder; put the file itself there")
         try:
             self._data = read_bytes(path, POLICY_MAX)
+            self._weights = [read_bytes(beside, POLICY_MAX - len(self._data))] if there else []
         except OSError as error:
-            raise PolicyError(f"{path}: cannot read it: {error.strerror}; check the name") from None
+            raise PolicyError(f"{error.filename or path}: cannot read it: {error.strerror}; check the name") from None
         one, out = self.session.get_inputs(), self.session.get_outputs()
         if len(one) != 1:
             named = ", ".join(each.name for each in one)
@@ -176,14 +184,17 @@ class ForeignPolicy:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4
-        # weights in a file beside it, as PyTorch's exporter writes them
-        options.add_session_config_entry("session.model_external_initializers_file_folder_path", str(self.path.parent))
+        # no file is below a file, so it opens none
+        options.add_session_config_entry("session.model_external_initializers_file_folder_path", str(self.path))
+        beside, sizes = f"{self.path.name}.data", [len(one) for one in self._weights]
         try:
+            options.add_external_initializers_from_files_in_memory([beside] * len(sizes), self._weights, sizes)
             return onnxruntime.InferenceSession(self._data, options, providers=["CPUExecutionProvider"])
         except Exception as error:
             told = " ".join(str(error).split())[:200]
             raise PolicyError(
-                f"{self.path}: onnxruntime cannot load it: {told}; export it as a single ONNX file"
+                f"{self.path}: onnxruntime cannot load it: {told}; export it as a single ONNX file, "
+                f"or with its weights in {beside} beside it"
             ) from None
 
     def _run(self, numbers: Array) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ import pytest
 
 from txt1.config import load as configured
 from txt1.errors import ConfigError
+from txt1.file_limits import POLICY_MAX
 from txt1.sensors.readings import Mount, Scan
 from txt1.teaching.features import Unfit
 from txt1.teaching.foreign_policy import ForeignPolicy, load
@@ -80,15 +81,70 @@ def test_a_network_with_tinylidarnets_shapes_steers_in_rad_and_meters_a_second(t
     )
 
 
-def test_weights_in_a_file_beside_the_network_are_found_from_anywhere(tmp_path: Path) -> None:
+def apart(tmp_path: Path, location: str = "foreign.onnx.data") -> tuple[Path, Path]:
+    """Write a network of a card whose weights are in a file; return it and the card."""
     outputs = np.zeros((6, 3))
     outputs[0, 2] = 1.0
     path, there = network(tmp_path / "foreign.onnx", [1, 6], outputs), tmp_path / "card.yaml"
     onnx.save(onnx.load(path), path, save_as_external_data=True, location="foreign.onnx.data", size_threshold=50)
     there.write_text(NUMBERED)
+    model = onnx.load(path, load_external_data=False)
+    for entry in model.graph.initializer[1].external_data:
+        entry.value = location if entry.key == "location" else entry.value
+    path.write_bytes(model.SerializeToString())
+    return path, there
+
+
+def test_weights_in_the_file_beside_the_network_are_found_from_anywhere(tmp_path: Path) -> None:
+    path, there = apart(tmp_path)
     assert load(path, there, CONFIG).judged([(900.0, 10.0, 10.0, 10.0), (0.3, 0.0)]).steering > 0.0
     (tmp_path / "foreign.onnx.data").unlink()
-    with pytest.raises(PolicyError, match="cannot load it"):
+    with pytest.raises(PolicyError, match=r"cannot load it.*weights in foreign\.onnx\.data beside it"):
+        load(path, there, CONFIG)
+
+
+@pytest.mark.parametrize("inside", ["graph", "constant", "branch"])
+@pytest.mark.parametrize("location", ["../secret", "/secret", "link", "other", "sub/../../secret"])
+def test_weights_in_any_other_file_are_not_read(
+    inside: str, location: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "given"
+    (folder / "sub").mkdir(parents=True)
+    monkeypatch.chdir(folder)
+    path, there = apart(folder, str(tmp_path / "secret") if location == "/secret" else location)
+    for name in (tmp_path / "secret", folder / "other"):
+        name.write_bytes((folder / "foreign.onnx.data").read_bytes())
+    (folder / "link").symlink_to(tmp_path / "secret")
+    model, helper = onnx.load(path, load_external_data=False), onnx.helper
+    graph = model.graph
+    weights = graph.initializer[1]
+    if inside == "constant":
+        graph.node.insert(0, helper.make_node("Constant", [], ["weights"], value=weights))
+        del graph.initializer[1]
+    elif inside == "branch":
+        said = helper.make_tensor_value_info("branch", 1, [1, 3])
+        branch = helper.make_graph(
+            [helper.make_node("MatMul", ["row", "weights"], ["branch"])], "b", [], [said], [weights]
+        )
+        graph.node[1].CopyFrom(helper.make_node("If", ["true"], ["said"], then_branch=branch, else_branch=branch))
+        graph.initializer[1].CopyFrom(onnx.numpy_helper.from_array(np.array(True), "true"))
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(PolicyError, match="onnxruntime cannot load it"):
+        load(path, there, CONFIG)
+
+
+def test_a_file_of_weights_counts_with_its_network_and_is_no_link_elsewhere(tmp_path: Path) -> None:
+    folder = tmp_path / "given"
+    folder.mkdir()
+    path, there = apart(folder)
+    data = (folder / "foreign.onnx.data").rename(tmp_path / "elsewhere")
+    (folder / "foreign.onnx.data").symlink_to(data)
+    with pytest.raises(PolicyError, match=r"foreign\.onnx\.data: it is a link into another folder"):
+        load(path, there, CONFIG)
+    (folder / "foreign.onnx.data").unlink()
+    with (folder / "foreign.onnx.data").open("wb") as file:
+        file.truncate(POLICY_MAX - path.stat().st_size + 1)
+    with pytest.raises(PolicyError, match=r"foreign\.onnx\.data: cannot read it: it has \d+ bytes, and at most"):
         load(path, there, CONFIG)
 
 
