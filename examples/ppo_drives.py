@@ -7,7 +7,7 @@
 
 On the robot it sees single samples of the light, in training filtered ones: set sim.light.noise for that.
 
-Not part of the tests: it needs PyTorch.
+It needs PyTorch; the long tests run it for a moment where Stable-Baselines3 is installed.
 """
 
 import argparse

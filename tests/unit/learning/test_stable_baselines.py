@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import re
+import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -64,3 +68,19 @@ def test_without_stable_baselines3_it_says_what_to_install(monkeypatch: pytest.M
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     with pytest.raises(ConfigError, match="pip install stable-baselines3"):
         vec_env(Robots())  # type: ignore[arg-type]
+
+
+@pytest.mark.long
+def test_the_example_of_ppo_prints_how_it_drives_and_its_network_drives_the_robot(tmp_path: Path) -> None:
+    """After three seconds of learning: not well."""
+    pytest.importorskip("stable_baselines3", reason="did not run: pip install stable-baselines3")
+    pytest.importorskip("onnxruntime", reason="did not run: the extra 'teach'")
+    root = Path(__file__).parents[3]
+    told = subprocess.run(
+        [sys.executable, root / "examples/ppo_drives.py", "light", "0.05"], cwd=tmp_path, capture_output=True, text=True
+    ).stdout
+    assert re.search(r"[1-9]\d* of 1000 reached the goal, in [\d.]+ s, 1\.\d+ of the floor", told)
+    words = ["run", "--headless", "--json", "--speed", "max", "--duration", "5"]
+    words += ["--set", "sensors.light.driver=sim_light", "--source", "ppo.onnx", "--card", "ppo.yaml"]
+    driven = subprocess.run([sys.executable, "-m", "txt1", *words], cwd=tmp_path, capture_output=True, text=True)
+    assert driven.returncode == 0 and abs(json.loads(driven.stdout)["odometry"]["theta"]) > 0.01, driven.stderr
