@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -127,7 +128,7 @@ def driven(config: Config) -> list[float]:
     """How two short episodes of the thesis's learner went: the robot's way, and its table."""
     (one,) = trials(config, lambda rng: make("thesis", config, rng), [1], 2, 1)
     table = one.agent.table().values
-    return [value for each in one.episodes for value in (each.time, *each.start)] + table.ravel().tolist()
+    return [value for each in one.episodes for value in (each.time, *each.start)] + list(chain(*table))
 
 
 def drives(config: Config) -> list[float]:
@@ -148,7 +149,7 @@ def drives(config: Config) -> list[float]:
             self.agent.see(readings, odometry)
 
     (one,) = trials(config, lambda rng: Noting(make("thesis", config, rng)), [1], 2, 1)  # type: ignore[arg-type, return-value]
-    return seen + one.agent.table().values.ravel().tolist() + [each.time for each in one.episodes]
+    return seen + list(chain(*one.agent.table().values)) + [each.time for each in one.episodes]
 
 
 KEYS = [
