@@ -674,7 +674,7 @@ class Fusion:
             if judge.reason != MOVES:
                 self._tell(judge.doubt(JUMPED))
             if not others:
-                self._besides.missed(residual)
+                self._besides.missed(measurement.rows, residual)
         return _left_out(belief, entry, judge)
 
     def _moving_frame(
@@ -697,7 +697,7 @@ class Fusion:
                 belief = widened(belief, entry.wider)
         frame.refuse(measurement.time)
         if not any(each.settings.tells_pose for each in self._believed()):
-            self._besides.missed(residual)
+            self._besides.missed(measurement.rows, residual)
         return _left_out(belief, entry, judge)
 
     def _pulls_again(self, judge: Judge, before: Belief, after: Belief) -> None:

@@ -35,7 +35,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.estimation.filter import TT, XX, YY, Array, Belief, State, X, Y
+from txt1.estimation.filter import THETA, TT, XX, YY, Array, Belief, State, X, Y
 from txt1.estimation.judging import FORGOTTEN, OTHER, Judge
 from txt1.estimation.sensors import Measurement
 from txt1.units import new
@@ -373,10 +373,10 @@ class Besides:
         # m in x and y by which the way may be longer than the car's, as speed and heading may be off
         self._way = 0.0, 0.0
 
-    def missed(self, residual: Sequence[float]) -> None:
-        """Note a reading that leapt by this, m, m and rad: the robot may have been carried there."""
-        dx, dy, *turn = residual
-        self._carried = dx, dy, turn[0] if turn else 0.0
+    def missed(self, rows: Sequence[int], residual: Sequence[float]) -> None:
+        """Note a reading that leapt by this in these rows of the pose, m or rad: the robot may have been carried."""
+        by = dict(zip(rows, residual, strict=True))
+        self._carried = by.get(X, 0.0), by.get(Y, 0.0), by.get(THETA, 0.0)
 
     def overrule(self, before: Belief, after: Belief) -> None:
         """Note that an absolute sensor has overruled dead reckoning, which may be right."""

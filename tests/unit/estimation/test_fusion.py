@@ -17,7 +17,9 @@ from txt1.model.kinematics import wrap_angle
 
 V, OMEGA, RADIUS = 0.5, 0.25, 2.0  # the car goes round in a circle
 START = (1.0, 2.0, 0.7)
-SENSORS = {"imu": Belonging(), "encoders": Belonging(), "vicon": Belonging(tells_pose=True)}
+SENSORS = {
+    "imu": Belonging(), "encoders": Belonging(), "vicon": Belonging(tells_pose=True), "compass": Belonging(),
+}  # fmt: skip
 
 
 def truth(time: float) -> tuple[float, float, float]:
@@ -49,6 +51,7 @@ class Drive:
             "imu": (Kind.GYRO, (OMEGA + 0.01,), (0.006,)),
             "vicon": (Kind.POSE, (x, y, wrap_angle(theta)), (0.002, 0.002, 0.003)),
             "gps": (Kind.POSE, (x, y), (0.3, 0.3)),
+            "compass": (Kind.POSE, (wrap_angle(theta),), (0.003,)),
         }
         found = []
         for name in self.names:
@@ -56,7 +59,8 @@ class Drive:
             if name == "gps" and self.cycle % 10:
                 continue
             told = tuple(float(v + s * n) for v, s, n in zip(values, sigmas, noise, strict=False))
-            found.append(Measurement(time, name, kind, tuple(range(len(values))), told, sigmas))
+            rows = (2,) if name == "compass" else tuple(range(len(values)))
+            found.append(Measurement(time, name, kind, rows, told, sigmas))
             noise = np.roll(noise, 3)
         return found
 
@@ -219,6 +223,19 @@ def test_a_position_that_jumps_is_left_out_and_the_estimate_tells_both_hypothese
     drive.go(2.0)
     assert drive.trust("vicon") == (True, "")
     assert drive.error()[0] < 0.006
+
+
+def test_a_heading_alone_that_jumps_may_be_the_robots_that_was_turned() -> None:
+    drive = Drive(("imu", "encoders", "compass"), start=True)
+    drive.go(5.0)
+    sure = drive.estimate.sigma(2)
+    turn = lambda m: m._replace(values=(wrap_angle(m.values[0] + 1.0),)) if m.sensor == "compass" else m  # noqa: E731
+    drive.go(1.0, turn)
+    assert drive.trust("compass") == (False, "has jumped")
+    assert drive.error()[1] < 0.1
+    assert drive.estimate.sigma(2) > 1.0 / 3.0 > sure
+    # of the place it says nothing
+    assert drive.estimate.sigma(0) < 0.1
 
 
 def test_a_robot_carried_unseen_is_found_where_the_only_sensor_has_it() -> None:
