@@ -121,7 +121,7 @@ OUTVOTED: Final = "is contradicted by two others"
 WHEELS: Final = "the car moves otherwise than its wheels tell"
 JUMPED: Final = "has jumped"
 MOVES: Final = "tells a way that no car goes: its frame moves"
-FRAMES: Final = "measures positions in another frame than"
+FRAMES: Final = "measures in another frame than"
 # s in which another sensor has told the place
 RECENT: Final = 1.0
 
@@ -627,22 +627,24 @@ class Fusion:
         elif nis > gate:
             return _left_out(belief, entry, judge)
         judge.used += 1
-        if len(residual) == 2:
+        time, earlier = measurement.time, judge.placed and judge.placed.time
+        if measurement.rows == (0, 1):
             noise = sigmas[0] * sigmas[0]
-            since = measurement.time - (judge.placed_at or 0.0)
-            judge.averaged(since, residual, (expected[0] + noise, expected[YY] + noise))
-        self._walk.placed(measurement.time, judge.placed_at)
-        judge.placed_at = measurement.time
-        judge.placed_sigma = measurement.sigmas[0]
+            judge.averaged(time - (earlier or 0.0), residual, (expected[0] + noise, expected[YY] + noise))
+        if measurement.rows[:2] == (0, 1):
+            self._walk.placed(time, earlier)
+        judge.placed = measurement
         self._accepted(measurement, belief, after)
         return after
 
     def _placed_by_another(self, judge: Judge, measurement: Measurement) -> str:
-        """The name of another sensor, no less precise, that told the place within the last second; empty: none."""
+        """The name of another sensor, no less precise, that told the same within the last second; empty: none."""
+        row, sigma = measurement.rows[0], measurement.sigmas[0]
         for each in self._believed():
-            if each is judge or each.placed_at is None or each.placed_sigma > measurement.sigmas[0]:
+            last = each.placed
+            if each is judge or last is None or measurement.time - last.time >= RECENT:
                 continue
-            if measurement.time - each.placed_at < RECENT:
+            if dict(zip(last.rows, last.sigmas, strict=False)).get(row, inf) <= sigma:
                 return each.name
         return ""
 

@@ -111,10 +111,8 @@ class Judge:
     # when the first of them came, s of the run
     same_since: float = 0.0
     last: tuple[float, ...] = ()
-    # when a reading of the pose was taken in, s of the run
-    placed_at: float | None = None
-    # ... and its standard deviation, m
-    placed_sigma: float = 0.0
+    # the last reading of the pose that was taken in
+    placed: Measurement | None = None
     # the last reading of the pose, m, m, rad
     own: tuple[float, ...] = ()
     own_at: float = 0.0  # s of the run

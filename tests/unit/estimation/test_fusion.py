@@ -382,8 +382,28 @@ def test_a_second_sensor_in_a_frame_of_its_own_is_left_out_and_told_once() -> No
     drive = Drive(("imu", "encoders", "vicon", "gps"))
     drive.go(10.0, lambda m: m._replace(values=(m.values[0] + 7.0, m.values[1])) if m.sensor == "gps" else m)
     assert drive.error()[0] < 0.006
-    assert drive.trust("gps") == (False, "measures positions in another frame than 'vicon'")
+    assert drive.trust("gps") == (False, "measures in another frame than 'vicon'")
     assert sum("another frame" in each for each in drive.fusion.changes) == 1
+
+
+def test_a_compass_is_no_witness_against_positions() -> None:
+    drive = Drive(("imu", "encoders", "gps", "compass"), start=True)
+
+    def spinning(m: Measurement) -> Measurement:
+        if m.sensor == "gps":
+            return m._replace(values=truth(m.time)[:2], sigmas=(0.02, 0.02))
+        return m._replace(values=(1.5 * V, m.values[1])) if m.sensor == "encoders" and m.time > 5.0 else m
+
+    drive.go(7.0, spinning)
+    assert not any("another frame" in each for each in drive.fusion.changes)
+    assert drive.error()[0] < 0.05
+
+
+def test_a_compass_that_is_off_beside_motion_capture_is_left_out() -> None:
+    drive = Drive(("imu", "encoders", "vicon", "compass"))
+    drive.go(5.0, lambda m: m._replace(values=(m.values[0] + 0.3,)) if m.sensor == "compass" else m)
+    assert drive.trust("compass") == (False, "measures in another frame than 'vicon'")
+    assert drive.error()[1] < 0.01
 
 
 def test_when_a_gyro_is_outvoted_the_wheels_turned_the_car_in_the_last_0_5_s() -> None:
@@ -414,8 +434,9 @@ def test_the_heading_is_as_uncertain_as_an_outvoted_gyro_may_have_turned_it() ->
     assert 0.2 < drive.error()[1] < 3.0 * drive.estimate.sigma(2)
 
 
-def test_once_no_sensor_tells_the_place_the_wheels_may_slip_otherwise_than_before() -> None:
-    drive = Drive()
+@pytest.mark.parametrize("besides", [(), ("compass",)])
+def test_once_no_sensor_tells_the_place_the_wheels_may_slip_otherwise_than_before(besides: tuple[str, ...]) -> None:
+    drive = Drive(("imu", "encoders", "vicon", *besides))
     drive.go(10.0)
 
     def blind(m: Measurement) -> Measurement | None:
@@ -424,6 +445,7 @@ def test_once_no_sensor_tells_the_place_the_wheels_may_slip_otherwise_than_befor
         return m._replace(values=(m.values[0] / 0.85, m.values[1] / 0.85)) if m.sensor == "encoders" else m
 
     drive.go(2.5, blind)
+    # a heading tells no place
     assert 0.1 < drive.error()[0] < 3.0 * hypot(drive.estimate.sigma(0), drive.estimate.sigma(1))
 
 
