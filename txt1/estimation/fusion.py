@@ -387,7 +387,7 @@ class Fusion:
             judge.late += 1
             return False
         judge.since = now
-        if not isfinite(sum(values)) or not min(sigmas) > 0.0:
+        if not isfinite(sum(values) + sum(sigmas)) or min(sigmas) <= 0.0:
             wrong = "no number"
         else:
             wrong = ""

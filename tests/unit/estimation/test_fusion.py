@@ -167,6 +167,7 @@ def test_late_by_0_3_s_it_is_as_good_as_in_time() -> None:
 
 FAILURES: dict[str, tuple[Callable[[Measurement], Measurement | None], str]] = {
     "is no number": (lambda m: m._replace(values=(float("nan"), *m.values[1:])), "no number"),
+    "has a sigma that is no number": (lambda m: m._replace(sigmas=(*m.sigmas[:-1], float("nan"))), "no number"),
     "is silent": (lambda m: None, "silent"),
     "is 2 s late": (lambda m: m._replace(time=m.time - 2.0), "not in time"),
     "is of the future": (lambda m: m._replace(time=m.time + 2.0), "not in time"),
