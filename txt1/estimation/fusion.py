@@ -82,6 +82,7 @@ from txt1.estimation.sensors import (
     KIND_VELOCITY,
     SAME_INSTANT,
     SLOT,
+    Kind,
     Measurement,
     alike,
     averaged,
@@ -276,19 +277,17 @@ class Fusion:
             self._base = self._base[0], max(0.0, now - FIRST)
             for judge in self._judges.values():
                 judge.since = now
-        groups: dict[str, tuple[Measurement, int]] = {}
+        groups: dict[tuple[str, Kind], tuple[Measurement, int]] = {}
         oldest = max(self._base[1], now - HORIZON)
         for measurement in self._arrived:
             if not self._admits(measurement, oldest):
                 continue
-            mean, count = groups.get(measurement.sensor, (None, 0))
-            if mean is not None and alike(mean, measurement):
-                measurement = averaged(mean, count, measurement)
-            else:
-                if mean is not None:
-                    self._insert(mean)
+            group = measurement.sensor, measurement.kind
+            mean, count = groups.get(group, (measurement, 0))
+            if count and not alike(mean, measurement):
+                self._insert(mean)
                 count = 0
-            groups[measurement.sensor] = measurement, count + 1
+            groups[group] = averaged(mean, count, measurement) if count else measurement, count + 1
         for measurement, _ in groups.values():
             self._insert(measurement)
         self._arrived.clear()

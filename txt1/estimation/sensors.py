@@ -196,11 +196,11 @@ SAME_INSTANT: Final = 1e-6
 
 
 def alike(one: Measurement, two: Measurement) -> bool:
-    """Whether two readings of a sensor may be averaged."""
+    """Whether two readings of a kind of a sensor may be averaged."""
     time, _, kind, rows, _, _, at = one
-    time_too, _, kind_too, rows_too, _, _, at_too = two
+    time_too, _, _, rows_too, _, _, at_too = two
     within = SLOT if kind is KIND_GYRO else NEWEST if kind is KIND_POSE else 0.0
-    return abs(time - time_too) < within - SAME_INSTANT and kind is kind_too and rows == rows_too and at == at_too
+    return abs(time - time_too) < within - SAME_INSTANT and rows == rows_too and at == at_too
 
 
 def averaged(mean: Measurement, count: int, more: Measurement) -> Measurement:

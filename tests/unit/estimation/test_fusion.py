@@ -194,6 +194,25 @@ def test_a_sensor_whose_readings_are_invalid_is_left_out_and_believed_again(sens
     assert f"'{sensor}' is believed again" in told
 
 
+def test_poses_of_a_fast_tracker_are_averaged_though_it_tells_velocities_between_them() -> None:
+    def used(drive: Drive) -> int:
+        return {each.name: each.used for each in drive.fusion.trusts()}["vicon"]
+
+    alone, between = Drive(), Drive()
+    alone.go(2.0)
+    between.go(2.0)
+    before = used(alone)
+    for time in (2.0025, 2.005, 2.0075, 2.01):
+        pose = Measurement(time, "vicon", Kind.POSE, (0, 1, 2), truth(time), (0.002, 0.002, 0.003))
+        alone.fusion.take(pose)
+        between.fusion.take(pose)
+        between.fusion.take(Measurement(time, "vicon", Kind.VELOCITY, (0, 1), (V, OMEGA), (0.05, 0.1)))
+    alone.fusion.step(2.02)
+    between.fusion.step(2.02)
+    assert used(alone) == before + 2
+    assert used(between) == before + 2 + 4
+
+
 def test_a_robot_on_a_mark_knows_its_pose_before_a_gps_has_told_it() -> None:
     told, found = Drive(("imu", "encoders", "gps"), start=True), Drive(("imu", "encoders", "gps"))
     told.go(0.2)
