@@ -312,9 +312,11 @@ def update(
             elif row == OMEGA:
                 cx, cy, ct, cu, co, cb, cs, cw = xo, yo, to, uo, oo, ob, os, ow
                 spread, said = oo, do
-            else:
+            elif row == THETA:
                 cx, cy, ct, cu, co, cb, cs, cw = xt, yt, tt, tu, to, tb, ts, tw
                 spread, said = tt, dt
+            else:
+                raise ValueError(f"state {row} is measured by a row of its own")
         else:
             hx, hy, ht, hu, ho, hb, hs, hw = row
             # of the motion

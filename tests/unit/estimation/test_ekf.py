@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from tests.examples import examples
 from txt1.estimation.filter import (
+    BIAS,
     GYRO,
     OMEGA,
     ROLLED,
@@ -211,6 +212,12 @@ def test_a_measurement_that_is_no_number_changes_nothing(wrong: float) -> None:
     after, nis, _ = update(belief, [wrong], [GYRO], [1.0])
     assert after is belief
     assert not np.isfinite(nis)
+
+
+@pytest.mark.parametrize("state", [X, Y, BIAS, SLIP])
+def test_a_state_that_has_no_row_by_its_index_is_not_taken_for_another(state: int) -> None:
+    with pytest.raises(ValueError, match=f"state {state}"):
+        update(belief_of(np.zeros(SIZE), IDENTITY), [1.0], [state], [1.0])
 
 
 def test_another_frame_turns_the_pose_and_leaves_distances() -> None:
