@@ -237,7 +237,7 @@ class Calibration:
             [c - 1.0, -s, tau_x, -dx, 0.0, 0.0, side_x],
             [s, c - 1.0, tau_y, -dy, 0.0, 0.0, side_y],
         ]
-        noise = 2.0 * one.sigmas[0] ** 2
+        noise = one.sigmas[0] ** 2 + two.sigmas[0] ** 2
         way_length = hypot(dx, dy)
         # forward and sideways as they are at the first position, which is near enough
         variances = [noise + ALONG**2 * span + (0.003 * way_length) ** 2, noise + ACROSS**2 * span]
@@ -245,7 +245,7 @@ class Calibration:
         if by_gyro and len(one.values) > 2 and len(two.values) > 2:
             residual.append(wrap_angle(two.values[2] - one.values[2] - turn) + tau * (w_b - w_a))
             rows.append([0.0, 0.0, -(w_b - w_a), 0.0, -turn, -span, 0.0])
-            variances.append(2.0 * one.sigmas[2] ** 2 + GYRO**2 * span + (GYRO_CLOCK * (w_b - w_a)) ** 2)
+            variances.append(one.sigmas[2] ** 2 + two.sigmas[2] ** 2 + GYRO**2 * span + (GYRO_CLOCK * (w_b - w_a)) ** 2)
         elif not by_gyro:
             variances[1] += (BY_WHEELS * turn * way_length) ** 2
         self._absorb(np.array(residual), np.array(rows), np.diag(variances), end)

@@ -10,7 +10,7 @@ from benchmarks import random_drives
 from benchmarks.drives import BAND
 from rigs.human_drive import drive_as_a_person
 from tests.examples import some
-from txt1.estimation.calibration import Calibration
+from txt1.estimation.calibration import Calibration, Corrections
 from txt1.estimation.sensors import Kind, Measurement
 from txt1.estimation.settings import EstimationConfig, FusedConfig
 from txt1.kernel.loop import run
@@ -19,10 +19,13 @@ from txt1.robot import Robot
 CYCLE = 0.02  # s
 
 
-def driven(seed: int, lever: tuple[float, float] = (0.0, 0.0), late: float = 0.0, seconds: float = 60.0) -> Calibration:
+def driven(
+    seed: int, lever: tuple[float, float] = (0.0, 0.0), late: float = 0.0, seconds: float = 60.0, vague: float = 0.001
+) -> Calibration:
     """A drive of manoeuvres, each with a speed, a curvature and a slip of its own, seen by motion capture.
 
     The sensor sits at `lever` (m) and its readings are so late (s). It is stated to sit at (0, 0), with a right clock.
+    Every second of the positions that are compared is as vague as told (m), the others are to the millimetre.
     """
     rng, found = np.random.default_rng(seed), Calibration()
     gyro: deque[tuple[float, float]] = deque(maxlen=1000)
@@ -41,12 +44,21 @@ def driven(seed: int, lever: tuple[float, float] = (0.0, 0.0), late: float = 0.0
         gyro.append((now - 0.5 * CYCLE, omega))
         c, s = cos(theta), sin(theta)
         seen = (x + c * lever[0] - s * lever[1], y + s * lever[0] + c * lever[1], theta)
-        values = tuple(np.array(seen) + rng.normal(size=3) * (0.001, 0.001, 0.002))
+        sigma = 0.001 if cycle // 25 % 2 else vague
+        values = tuple(np.array(seen) + rng.normal(size=3) * (sigma, sigma, 2.0 * sigma))
         right = found.corrections
         time, at = now + late - right.delay, (right.x, right.y)
-        found.place(Measurement(time, "vicon", Kind.POSE, (0, 1, 2), values, (0.001, 0.001, 0.002), at), values[2])
+        found.place(Measurement(time, "vicon", Kind.POSE, (0, 1, 2), values, (sigma, sigma, 2.0 * sigma), at), theta)
         found.cycle(now, now, CYCLE, v / (1.0 - slip), omega, gyro)
     return found
+
+
+def test_a_vague_position_after_a_precise_one_tells_of_no_mount() -> None:
+    found = driven(1, seconds=60.0, vague=0.1)
+    assert found.corrections == Corrections()
+    for name in ("x", "y"):
+        value, sigma = found.learned(name)
+        assert abs(value) < 3.0 * sigma
 
 
 def test_a_late_heading_is_not_taken_for_sliding() -> None:
