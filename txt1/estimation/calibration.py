@@ -12,7 +12,7 @@ which is linear in (l, tau, s, g, b, k) for small errors: a Kalman filter of the
 B. Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969. An error that the drive does not show
 keeps its first standard deviation: a lever arm shows in turns, a clock where the speed changes, and sliding outwards in
 curves at two speeds. Without k a car that slides looks like a lever arm that points backwards. A lever arm to the left
-looks like slip that is another in each curve.
+looks like slip that is another in each curve; so slip may walk as fast as from one manoeuvre to the next.
 
 A heading that the sensor tells is late as well. So the axes in which z_B - z_A is seen are turned by -tau omega_A.
 
@@ -48,10 +48,10 @@ START: Final = np.array([0.3, 0.3, 0.05, 0.05, 0.01, 0.02, Drift().sideways]) **
 # by how many standard deviations of a tape measure a place is off that was measured from another point, or to the other
 # side
 MISTAKEN: Final = 10.0
-WALK: Final = np.array([1e-5, 1e-5, 1e-5, Drift().slip, 1e-5, Drift().bias, 1e-4]) ** 2
-"""Variances that a second adds; slip and bias are the filter's."""
 # standard deviation of a slip that has changed, as it does in a second
 CHANGED: Final = 0.1
+WALK: Final = np.array([1e-5, 1e-5, 1e-5, hypot(Drift().slip, CHANGED), 1e-5, Drift().bias, 1e-4]) ** 2
+"""Variances that a second adds; the bias's is the filter's."""
 # slip beyond which it is the wheels that err: it changes with each way by its own size, and tells of no mount
 ERR: Final = 0.25
 # m by which the wheels miss the way after 1 s
@@ -253,7 +253,6 @@ class Calibration:
     def _absorb(self, residual: Array, rows: Array, noise: Array, time: float) -> None:
         dt = max(0.0, min(time - self._time, LONGEST))
         p = self.covariance + np.diag(WALK) * dt
-        p[SLIPPED, SLIPPED] += CHANGED**2 * min(dt, 1.0)
         if abs(self.mean[SLIPPED]) > ERR:
             p[SLIPPED, SLIPPED] += self.mean[SLIPPED] ** 2
         self._time = time
