@@ -209,14 +209,14 @@ class Fusion:
         self._wheels_of: set[str] = set()
         # whether something has changed of these, or of the next three
         self._changed = True
-        # of the sensors that are believed
-        self._names: set[str] = set()
         self.turning = False
         """Whether a gyro is believed."""
         # a sensor that tells the wheels' speed is
         self._rolling = False
         # a sensor that tells the place is
         self._placed = False
+        # a sensor that tells headings is
+        self._headed = False
         # s of the run, of a gyro's newest reading
         self._turned_at = -inf
         self._besides = Besides()
@@ -310,10 +310,11 @@ class Fusion:
     def _note_believed(self) -> None:
         """Note which sensors are believed now, for the steps that are computed next."""
         self._changed = False
-        self._names = believed = {name for name, judge in self._judges.items() if judge.believed}
+        believed = {name for name, judge in self._judges.items() if judge.believed}
         self._placed = not believed.isdisjoint(self._frames)
         self.turning = not believed.isdisjoint(self._gyros)
         self._rolling = not believed.isdisjoint(self._wheels_of)
+        self._headed = not believed.isdisjoint(self._headings)
 
     def cycle(self, cycle: WitnessValues, dt: float) -> None:
         """Take in the witnesses' values for a cycle of dt seconds; wheels that fail by themselves are no witness."""
@@ -339,7 +340,7 @@ class Fusion:
         gyro_off, wheels_off = self.vote.outvoted(self._newest()[0].mean[SLIP] if self._exact else 0.0)
         placed = self._located and self._placed
         # whoever outvoted a gyro and has failed since was no witness
-        alone = not self._rolling and self._names.isdisjoint(self._headings)
+        alone = not self._rolling and not self._headed
         for names, off, close, reason in (
             (self._gyros, gyro_off and not alone, self.vote.turn_alike or alone, OUTVOTED),
             (self._wheels_of, wheels_off and placed, True, WHEELS),
@@ -549,7 +550,7 @@ class Fusion:
                     # wheels that lock or spin: the car's speed is anywhere between its last one and theirs
                     sigmas = (abs(left), *sigmas[1:])
         # of speed and yaw rate the last is the latter
-        if wheels and rows[len(residual) - 1] == 1 and self._names.isdisjoint(self._headings):
+        if wheels and rows[len(residual) - 1] == 1 and not self._headed:
             return considered(wide, residual, h, sigmas)
         return after if wide is belief else update(wide, residual, h, sigmas, leans)[0]
 
@@ -593,7 +594,7 @@ class Fusion:
             if leapt:
                 frame.clear()
             else:
-                frame.take(measurement, belief)
+                frame.take(measurement, belief, headed=self._headed)
             likely = frame.moves or (judge.reason == MOVES and frame.probability > OTHER)
             # without wheels nothing tells
             if likely and measurement.time - self._reckoning.until < LONGEST:

@@ -173,7 +173,7 @@ class Frame:
         """Standard deviation of the sensor's place on the robot, m."""
         self._picks: deque[_Pick] = deque(maxlen=round(WINDOWS[-1] / PICKED) + 2)
         self._waiting: deque[tuple[Measurement, Belief]] = deque(maxlen=100)
-        # whether it tells headings, too
+        # whether it tells headings, too, or others do
         self._headed = False
         self._last = -1.0
         self._at = 0.0, 0.0
@@ -194,12 +194,12 @@ class Frame:
         self._waiting.clear()
         self.probability = 0.0
 
-    def take(self, measurement: Measurement, belief: Belief) -> None:
-        """Take in a position, and the filter's belief there."""
+    def take(self, measurement: Measurement, belief: Belief, *, headed: bool = False) -> None:
+        """Take in a position, and the filter's belief there; `headed`: more than positions has told the heading."""
         if measurement.at != self._at:
             # another mount than before would look like a frame that has moved
             self._mount(measurement.at)
-        self._headed = len(measurement.values) > 2
+        self._headed = headed or len(measurement.values) > 2
         since = measurement.time - self._last
         if since >= PICKED - 1e-6:
             self._last = measurement.time
@@ -282,10 +282,10 @@ class Frame:
             [-ahead * spots[:, 6], -aside * spots[:, 6]], [times, none], [none, times], *ways,
         ]).reshape(9 + len(ways), -1)  # fmt: skip
         turned = abs(spots[-1, 3] - spots[0, 3]) / span
-        # a heading that its positions have told is off by the sensor's place over the way
+        # a heading that only its positions have told is off by the sensor's place over the way
         way = dist(spots[0, 1:3], spots[-1, 1:3])
-        told = 0.0 if self._headed else self.lever / max(way, self.lever)
-        direction = hypot(ASIDE, picks[0].sigma_theta, CORNERING * turned * float(np.abs(spots[:, 6]).mean()), told)
+        by_mount = 0.0 if self._headed else self.lever / max(way, self.lever)
+        direction = hypot(ASIDE, picks[0].sigma_theta, CORNERING * turned * float(np.abs(spots[:, 6]).mean()), by_mount)
         shared = [1e3, 1e3, USUAL, direction, self.lever, self.lever, CLOCK]
         noise = hypot(max(each.sigma for each in picks), RECKONED)
         left = np.concatenate((xs - xs.mean(), ys - ys.mean())) / noise

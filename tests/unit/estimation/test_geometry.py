@@ -33,15 +33,17 @@ def drive(
     until: float = inf,
     other: float = 0.0,
     curve: float = 2.5,
+    marked: bool = False,
 ) -> tuple[Estimator, Estimate, tuple[float, float, float]]:
     """The filter, its last estimate and the true pose after curves to both sides, with wheels so much wider apart.
 
-    A curve lasts `curve` s.
-    The gyro is heard until so many seconds. By 7.5 s in 15 the wheels seem to be by `other` wider apart, as they slip.
+    A curve lasts `curve` s; the gyro is heard until so many seconds. By 7.5 s in 15 the wheels seem to be by `other`
+    wider apart, as they slip. `marked`: the pose at the start is told.
     """
     rng, name = np.random.default_rng(1), "place"
     kinds: dict[str, type] = {"imu": ImuReading} | ({name: positions} if positions else {})
-    config = EstimationConfig(sensors=(*kinds, ENCODERS), track_sigma=track_sigma)
+    start = (0.0, 0.0, 0.0) if marked else None
+    config = EstimationConfig(sensors=(*kinds, ENCODERS), track_sigma=track_sigma, start=start)
     estimator = Estimator(config, kinds, Geometry(steering="front"))
     x = y = theta = omega = v = 0.0
     for cycle in range(1, round(seconds / CYCLE) + 1):
@@ -106,15 +108,18 @@ def test_rtk_30_cm_from_where_it_is_stated_is_found_and_stays_believed() -> None
     assert hypot(estimate.x - x, estimate.y - y) < 0.15
 
 
+@pytest.mark.parametrize("marked", [False, True])
 @pytest.mark.parametrize(("ahead", "curve"), [(0.3, 2.0), (-0.3, 2.0), (0.3, 3.0), (-0.3, 3.0)])
-def test_rtk_30_cm_off_is_believed_whichever_curves_tell_the_heading(ahead: float, curve: float) -> None:
+def test_rtk_30_cm_off_is_believed_in_curves_of_2_and_3_s(ahead: float, curve: float, marked: bool) -> None:
     """In a curve its antenna goes another way than the car heads: that is no frame that moves."""
 
     def fix(now: float, x: float, y: float, theta: float) -> Reading[Any]:
         at = x + ahead * cos(theta), y + ahead * sin(theta)
         return Reading(now, FixReading(0.0, 0.0, *at, sigma_x=0.03, sigma_y=0.03, mount=Mount(0.0, 0.0, 0.0)))
 
-    estimator, estimate, (x, y, theta) = drive(60.0, wider=0.0, positions=FixReading, told=fix, curve=curve)
+    estimator, estimate, (x, y, theta) = drive(
+        60.0, wider=0.0, positions=FixReading, told=fix, curve=curve, marked=marked
+    )
     assert all(each.believed and each.rejected < 20 for each in estimator.trusts())
     assert hypot(estimate.x - x, estimate.y - y) < 0.05
     assert abs(wrap_angle(estimate.theta - theta)) < 0.02
