@@ -205,7 +205,7 @@ def test_by_hand_it_begins_where_it_stands_waits_for_the_next_arming_and_records
     assert "/learning/step" in {item.topic for item in FilePass(log)}
 
 
-def test_a_robot_that_was_carried_on_while_it_rested_waits_for_a_person_before_the_next_episode() -> None:
+def test_after_it_was_carried_while_it_rested_the_next_episode_waits_for_a_person() -> None:
     class Carried(ByHand):
         async def person(self) -> None:
             while not (self.robot.armed and self.trial.phase is Phase.REST):

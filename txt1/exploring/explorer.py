@@ -3,7 +3,7 @@
 How it works. With each choice it looks for frontiers (`txt1.exploring.frontiers`) and takes the cheapest, by the way to
 it, its size, and how far the robot has to turn. It stays with its choice until most of the frontier is known, it has
 looked at it in vain, or no way leads there. In the last two cases the frontier is set aside, and tried from other
-places when no other is left. `go_to` plans and drives every way, on the floor seen so far.
+places when no other is left, and from the same when no other place is: what stopped the robot may have walked on. `go_to` plans and drives every way, on the floor seen so far.
 
 It is a source of commands like any other. When a hand takes the wheel, or the robot is stopped, it waits until the
 robot is armed anew. The pose is the mapper's.
@@ -132,7 +132,7 @@ class Explorer:
         if view is None and not self._again:
             self._again = True
             view = await self._best(self._may_try, self._vain)
-        return view
+        return view or await self._best(self._may_try)
 
     async def _best(
         self, wanted: Callable[[Frontier], bool], vain: Callable[[Frontier], Places] = lambda _: ()
@@ -153,7 +153,7 @@ class Explorer:
         return await in_thread(search)
 
     def _may_try(self, frontier: Frontier) -> bool:
-        """Whether the frontier was not tried in vain, at the end not too often."""
+        """Whether the frontier was not tried in vain, or no other is left; at most OFTEN in all."""
         return len(self._before(frontier)) < OFTEN and (self._again or not self._vain(frontier))
 
     def _before(self, frontier: Frontier) -> list[Try]:

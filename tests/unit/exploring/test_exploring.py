@@ -7,13 +7,15 @@ from collections.abc import Awaitable, Callable
 from itertools import combinations
 from math import hypot
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from txt1.cli import execute
+from txt1.errors import CommandRefused
 from txt1.exploring import explorer
-from txt1.exploring.frontiers import SAME, Frontier
+from txt1.exploring.frontiers import SAME, Frontier, View
 from txt1.kernel.loop import run
 from txt1.maps import files
 from txt1.maps.grid import FREE
@@ -170,6 +172,25 @@ def test_a_frontier_looked_at_in_vain_is_tried_from_other_places_and_told(tmp_pa
     *views, _home = goals
     assert len(views) > 1
     assert all(hypot(one[0] - other[0], one[1] - other[1]) >= SAME for one, other in combinations(views, 2))
+
+
+def test_a_frontier_with_one_place_to_look_from_is_tried_again_after_somebody_left(tmp_path, monkeypatch):
+    drive, view, stood = explorer.go_to, explorer.best_view, []
+
+    async def blocked_once(robot: Robot, goal: Pose, **options: Any) -> None:
+        if not any(hypot(goal[0] - x, goal[1] - y) < SAME for x, y, _ in stood):
+            stood.append(goal)
+            raise CommandRefused("somebody stands there")
+        await drive(robot, goal, **options)
+
+    def single_place(every: list[Frontier], *more: Any) -> View | None:
+        return view([each for each in every if not each.vain], *more)
+
+    monkeypatch.setattr(explorer, "go_to", blocked_once)
+    monkeypatch.setattr(explorer, "best_view", single_place)
+    name = tmp_path / "room"
+    assert execute([*arguments(LASER, OBSTACLE), "--duration", "300", "--explore", "-o", str(name)]) == 0
+    assert stood
 
 
 def test_a_frontier_that_is_gone_was_not_looked_at_in_vain(tmp_path, capsys, monkeypatch):
