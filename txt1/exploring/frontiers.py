@@ -148,6 +148,8 @@ def _cheapest(frontier: Frontier, poses: Array, room: Room, within: float, past:
     """
     assert room.walls is not None
     ends = frontier.beyond[np.hypot(*(frontier.beyond - frontier.middle).T) <= within]
+    if not len(ends):
+        return None
     most = 0.0 if within == inf else 1.0 - KNOWN
     dx, dy = (ends[None] - poses[:, None, :2]).transpose(2, 0, 1)
     angles, ranges = np.arctan2(dy, dx), np.hypot(dx, dy)

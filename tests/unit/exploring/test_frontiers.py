@@ -158,6 +158,17 @@ def test_the_car_looks_from_another_place_after_it_has_looked_in_vain():
         vain.append(view.pose[:2])
 
 
+def test_a_frontier_of_large_cells_is_looked_at_though_none_is_close_to_its_middle():
+    cells = np.full((14, 24), UNKNOWN, np.int8)
+    cells[2:12, 1:18] = OCCUPIED
+    cells[3:11, 2:17] = cells[4:10, 17] = FREE
+    grid = QuickGrid(cells, 0.6, (0.0, 0.0, 0.0))
+    (door,) = frontiers(grid)
+    assert (np.hypot(*(door.beyond - door.middle).T) > 0.5).all()
+    view = best_view([door], (3.6, 3.6, 0.0), room(grid), BODY, KEEP)
+    assert view is not None and hypot(view.pose[0] - door.middle[0], view.pose[1] - door.middle[1]) < 2.0
+
+
 def test_a_car_without_room_to_turn_looks_aside():
     # 0.8 m x 0.7 m round the car, with a gap in the wall to its left
     cells = np.full((40, 40), UNKNOWN, np.int8)
