@@ -3,7 +3,8 @@
 How it works. With each choice it looks for frontiers (`txt1.exploring.frontiers`) and takes the cheapest, by the way to
 it, its size, and how far the robot has to turn. It stays with its choice until most of the frontier is known, it has
 looked at it in vain, or no way leads there. In the last two cases the frontier is set aside, and tried from other
-places when no other is left, and from the same when no other place is: what stopped the robot may have walked on. `go_to` plans and drives every way, on the floor seen so far.
+places when no other is left; where there is no other place, from the same, as whatever stood there may have left.
+`go_to` plans and drives every way, on the floor seen so far.
 
 It is a source of commands like any other. When a hand takes the wheel, or the robot is stopped, it waits until the
 robot is armed anew. The pose is the mapper's.
