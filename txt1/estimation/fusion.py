@@ -61,7 +61,7 @@ from txt1.estimation.filter import (
     wandering,
     widened,
 )
-from txt1.estimation.hypotheses import LEVER, LONGEST, USUAL, Besides, Frame, Reckoning, aligned, bent
+from txt1.estimation.hypotheses import LEVER, LONGEST, USUAL_SLIP, Besides, Frame, Reckoning, aligned, bent
 from txt1.estimation.judging import (
     CHI99,
     KEEPS,
@@ -692,7 +692,7 @@ class Fusion:
             (x, y, sigma), (*past, past_sigma) = frame.pulled, frame.past
             if sigma or any(frame.past):
                 entry.moved = -x, -y, self._reckoning.slip
-                entry.wider = grown((0, 1), [OTHER * x, OTHER * y], USUAL)
+                entry.wider = grown((0, 1), [OTHER * x, OTHER * y], USUAL_SLIP)
                 entry.wider[[0, 1], [0, 1]] += sigma * sigma + past_sigma * past_sigma
                 entry.wider[:2, :2] += np.outer(past, past)
                 belief = moved(belief, entry.moved)

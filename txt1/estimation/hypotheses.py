@@ -57,7 +57,7 @@ LONGEST: Final = 0.5
 # standard deviation of slip when wheels spin
 SLIPS: Final = 0.3
 # ... and when they do not
-USUAL: Final = 0.05
+USUAL_SLIP: Final = 0.05
 # m/s of the car that wheels do not tell: they stand, skid, or are broken
 UNTOLD: Final = 0.3
 # rad of the direction of motion
@@ -70,7 +70,7 @@ TURNED: Final = 0.015
 LEVER: Final = 0.03
 CLOCK: Final = 0.01  # s
 # m/s of the frame
-MOVES: Final = 1.0
+FRAME_SPEED: Final = 1.0
 # m by which dead reckoning misses besides within a window
 RECKONED: Final = 0.004
 # chi-square of two numbers at 99.9999 %
@@ -286,11 +286,11 @@ class Frame:
         way = dist(spots[0, 1:3], spots[-1, 1:3])
         by_mount = 0.0 if self._headed else self.lever / max(way, self.lever)
         direction = hypot(ASIDE, picks[0].sigma_theta, CORNERING * turned * float(np.abs(spots[:, 6]).mean()), by_mount)
-        shared = [1e3, 1e3, USUAL, direction, self.lever, self.lever, CLOCK]
+        shared = [1e3, 1e3, USUAL_SLIP, direction, self.lever, self.lever, CLOCK]
         noise = hypot(max(each.sigma for each in picks), RECKONED)
         left = np.concatenate((xs - xs.mean(), ys - ys.mean())) / noise
         rows = rows / noise
-        frame, frame_unlikely = _misfit(left, rows[:9], [*shared, MOVES, MOVES])
+        frame, frame_unlikely = _misfit(left, rows[:9], [*shared, FRAME_SPEED, FRAME_SPEED])
         slips = [hypot(SLIPS * speed, UNTOLD) for speed in speeds]
         car, car_unlikely = _misfit(left, np.delete(rows, (7, 8), 0), [*shared, *slips])
         free = 2 * count - 2
@@ -311,7 +311,7 @@ class Frame:
         two = self._picks[-1]
         way_x, way_y = _turned(one, two.spot.usual_x - one.spot.usual_x, two.spot.usual_y - one.spot.usual_y)
         dx, dy = two.here[0] - one.here[0] - way_x, two.here[1] - one.here[1] - way_y
-        sigma = USUAL * hypot(way_x, way_y)
+        sigma = USUAL_SLIP * hypot(way_x, way_y)
         return (dx, dy, sigma) if hypot(dx, dy) > _noise(one, two) else (0.0, 0.0, sigma)
 
 
