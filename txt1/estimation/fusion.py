@@ -116,7 +116,7 @@ SLIP_MAX: Final = 0.6
 REST_SPEED: Final = 0.002
 # rad/s, likewise
 REST_YAW: Final = 0.001
-# positions that are kept to find it
+# positions that are kept to find the frame
 PAIRS_MAX: Final = 600
 OUTVOTED: Final = "is contradicted by two others"
 WHEELS: Final = "the car moves otherwise than its wheels tell"
@@ -139,7 +139,9 @@ class _Entry:
     measurement: Measurement
     belief: Belief
     key: tuple[float, str]
+    # whether it is still to be judged: once, though it may be computed again
     new: bool = True
+    # whether it counts in the belief
     used: bool = True
     # nothing is known of the slip before it
     fresh: bool = False
@@ -207,15 +209,15 @@ class Fusion:
         self._gyros: set[str] = set()
         self._headings: set[str] = set()
         self._wheels_of: set[str] = set()
-        # whether something has changed of these, or of the next three
+        # whether something has changed of these, or of the next four
         self._changed = True
         self.turning = False
         """Whether a gyro is believed."""
-        # a sensor that tells the wheels' speed is
+        # whether a sensor that tells the wheels' speed is believed
         self._rolling = False
-        # a sensor that tells the place is
+        # whether one that tells the place is
         self._placed = False
-        # a sensor that tells headings is
+        # whether one that tells headings is
         self._headed = False
         # s of the run, of a gyro's newest reading
         self._turned_at = -inf
@@ -474,8 +476,8 @@ class Fusion:
             entry.belief = belief = self._measure(belief, entry)
         self._settled = len(self._entries)
 
-    def _take_out(self, sensor: str, turned: float) -> None:
-        """Leave a sensor's readings out that were taken in; before them it may have turned the pose by so much, rad."""
+    def _take_out(self, sensor: str, by: float) -> None:
+        """Leave a sensor's readings out that were taken in; before them it may have turned the pose by that, rad."""
         first = None
         for place, entry in enumerate(self._entries[: self._settled]):
             compared = sensor in self._gyros and entry.measurement.kind is KIND_TURN
@@ -487,20 +489,20 @@ class Fusion:
             # what it told of the slip, too
             first.fresh = True
             first.wider = np.zeros((SIZE, SIZE)) if first.wider is None else first.wider
-            first.wider[THETA, THETA] += turned * turned
+            first.wider[THETA, THETA] += by * by
 
     # -- one reading -----------------------------------------------------------------------------------------------
 
     def _measure(self, belief: Belief, entry: _Entry) -> Belief:
-        measurement, new = entry.measurement, entry.new
-        if not new and not entry.used:
+        measurement, unjudged = entry.measurement, entry.new
+        if not unjudged and not entry.used:
             return belief
         _, sensor, kind, _, _, sigmas, _ = measurement
         if kind is KIND_TURN:
             entry.new = False
-            return self._turned(belief, measurement, new=new) if self.turning else belief
+            return self._turned(belief, measurement, unjudged=unjudged) if self.turning else belief
         judge = self._judges.get(sensor)
-        if not self._located and new and judge is not None and judge.settings.tells_pose:
+        if not self._located and unjudged and judge is not None and judge.settings.tells_pose:
             # in a frame that is still to be found: it says nothing on anybody's errors
             entry.new = entry.used = False
             judge.used += 1
@@ -517,7 +519,7 @@ class Fusion:
         after, nis, misses = update(belief, residual, h, sigmas, leans)
         if kind is KIND_ENCODERS or (kind is KIND_GYRO and not -TRACKS <= misses[0] <= TRACKS):
             after = self._tracked(belief, after, measurement, residual, h, misses, leans)
-        if new:
+        if unjudged:
             entry.new, entry.used = False, judge.believed
             judge.surprised(nis, len(misses))
             if judge.believed:
@@ -549,12 +551,12 @@ class Fusion:
                 if speed and abs(left) > HOLDS * SLOT:
                     # wheels that lock or spin: the car's speed is anywhere between its last one and theirs
                     sigmas = (abs(left), *sigmas[1:])
-        # of speed and yaw rate the last is the latter
+        # the yaw rate, if it counts, is the last of both
         if wheels and rows[len(residual) - 1] == 1 and not self._headed:
             return considered(wide, residual, h, sigmas)
         return after if wide is belief else update(wide, residual, h, sigmas, leans)[0]
 
-    def _turned(self, belief: Belief, measurement: Measurement, *, new: bool) -> Belief:
+    def _turned(self, belief: Belief, measurement: Measurement, *, unjudged: bool) -> Belief:
         """The belief with how far the wheels turned the robot beside the gyro: it tells of bias and slip."""
         told, by_gyro, dt, path = measurement.values
         bias = belief.mean[BIAS]
@@ -570,7 +572,7 @@ class Fusion:
         sigma = hypot(measurement.sigmas[0], path * sqrt(self._walk.told[SLIP] * dt / 3.0))
         leans = -by_gyro * share
         after, _, (miss,) = update(belief, residual, h, (sigma,), leans)
-        if new and abs(turned_by) > CURVE and miss:
+        if unjudged and abs(turned_by) > CURVE and miss:
             chance = (residual[0] / miss) ** 2
             self._walk.changed((residual[0] ** 2 - chance) / turned_by**2 + self._walk.told[SLIP] * dt, dt)
         return after

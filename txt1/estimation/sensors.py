@@ -105,7 +105,7 @@ class LearnedNoise:
             return
         # the next three: differences of the same readings tell little more
         self._times = (-1.0, -1.0)
-        bends = [new - last - (last - before) for new, last, before in zip(values, two, one, strict=True)]
+        bends = [now - last - (last - before) for now, last, before in zip(values, two, one, strict=True)]
         bends[2] = wrap_angle(bends[2])
         for place, (bend, variance) in enumerate(zip(bends, self._variances, strict=True)):
             square, most = bend * bend / 6.0, FAR * FAR * variance
