@@ -1,6 +1,6 @@
 """How good the estimate is: ten laps of the waypoints' rectangle with slip and understeer, a circle, and a step's cost.
 
-    python -m benchmarks.estimation laps --seeds 100 --figure docs/estimation/ten-laps.png
+    python -m benchmarks.estimation laps --seeds 8 --exact --figure docs/estimation/ten-laps.png
     python -m benchmarks.estimation circle --seeds 10
     python -m benchmarks.estimation step
     python -m benchmarks.estimation drives --folder FOLDER
