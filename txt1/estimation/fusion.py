@@ -668,7 +668,8 @@ class Fusion:
             entry.wider = grown(measurement.rows, residual, 0.0)
             wide = widened(belief, entry.wider)
             after = update(wide, *self._expect(wide.mean, measurement), measurement.sigmas)[0]
-            self._tell(f"'{judge.name}' stays {hypot(*residual[:2]):.2g} m away: the robot was carried there")
+            where = f"{hypot(*residual[:2]):.2g} m away" if measurement.rows[:2] == (0, 1) else "elsewhere"
+            self._tell(f"'{judge.name}' stays {where}: the robot was carried there")
             self._pulls_again(judge, belief, after)
             judge.restore()
             judge.used += 1

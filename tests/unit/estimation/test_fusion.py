@@ -256,6 +256,10 @@ def test_a_heading_alone_that_jumps_may_be_the_robots_that_was_turned() -> None:
     assert drive.estimate.sigma(2) > 1.0 / 3.0 > sure
     # of the place it says nothing
     assert drive.estimate.sigma(0) < 0.1
+    drive.go(KEEPS, turn)
+    assert drive.trust("compass") == (True, "")
+    assert drive.error()[1] == pytest.approx(1.0, abs=0.05)
+    assert "'compass' stays elsewhere: the robot was carried there" in drive.fusion.changes
 
 
 def test_a_robot_carried_unseen_is_found_where_the_only_sensor_has_it() -> None:
