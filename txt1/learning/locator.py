@@ -164,7 +164,7 @@ class LocatorAgent(PeriodicAgent):
             self._anew()
 
     def _anew(self) -> None:
-        """Begin anew from this episode alone, the light 1.2 m away, unless the law explains it at least half as well."""
+        """Begin anew from this episode alone, the light 1.2 m off, unless the law explains it at least half as well."""
         rows, noise, law = self._rows, np.full(4, NOISY), np.append(self._law[:LAW], self._law[-2:])
         self._rows = rows[rows[:, EPISODE] == self._episode]
         fits = [self._fit(np.append(PRIOR, place), noise, 12) for place in PLACES[48:72:3]]
