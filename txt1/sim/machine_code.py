@@ -44,7 +44,8 @@ def compiled(
         source = Path(__file__).parents[2].joinpath(*function.__module__.split(".")).with_suffix(".py")
         function = run_path(str(source))[function.__name__]
     if calls or cache:
-        function = FunctionType(function.__code__, {**function.__globals__, **(calls or {})}, function.__name__)
+        known = {**function.__globals__, **(calls or {})}
+        function = FunctionType(function.__code__, known, function.__name__, function.__defaults__)
     liberties = {"contract", "reassoc", "nsz", "arcp"} if reorder else False
     made = partial(njit, error_model="numpy", fastmath=liberties, **options)
     if cache:

@@ -194,7 +194,7 @@ def test_a_sensor_whose_readings_are_invalid_is_left_out_and_believed_again(sens
     assert f"'{sensor}' is believed again" in told
 
 
-def test_poses_of_a_fast_tracker_are_averaged_though_it_tells_velocities_between_them() -> None:
+def test_poses_of_a_fast_tracker_are_averaged_with_velocities_between_them() -> None:
     def used(drive: Drive) -> int:
         return {each.name: each.used for each in drive.fusion.trusts()}["vicon"]
 
