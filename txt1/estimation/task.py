@@ -274,7 +274,7 @@ class Estimator:
         """Return the estimate at `now`; raises ArithmeticError when it is no number any more."""
         dt = wheels.time - self._read
         if dt > 0.0:
-            if wheels.setpoint != self._setpoint or wheels.steering != self._steering:
+            if (wheels.setpoint, wheels.steering) != (self._setpoint, self._steering):
                 self.fusion.asked_at = now
             if self._read > 0.0:
                 self._take_wheels(wheels, dt)

@@ -156,10 +156,10 @@ def test_places_behind_what_the_newest_sweep_saw_are_no_way() -> None:
 PROGRAM = """
 import sys
 from txt1.cli import execute
-from txt1_learners import clearance, pilot
+from txt1_learners import clear_course, pilot
 
 def compiled():
-    return [len(one.signatures) for one in (clearance.distances, clearance.quickest_clear, clearance.clearest)]
+    return [len(one.signatures) for one in (clear_course.distances, clear_course.quickest_clear, clear_course.clearest)]
 
 def noted(**given):
     compile(**given)
