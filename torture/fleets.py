@@ -102,6 +102,10 @@ class Scene(NamedTuple):
                 console.drive(self.name, 0.6, 0.3)
                 await asyncio.sleep(0.05)
 
+        # after a stop a hand lets go before it drives again; a message may be lost
+        for _ in range(10):
+            console.drive(self.name, 0.0, 0.0)
+            await asyncio.sleep(0.05)
         self.robot.arm()
         driving = asyncio.ensure_future(drive())
         self.stack.callback(driving.cancel)
