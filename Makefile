@@ -24,7 +24,7 @@ PIP_FETCH := -m pip --disable-pip-version-check wheel --quiet --quiet
 PIP_WHEEL := -m pip --disable-pip-version-check wheel --quiet --quiet --no-deps --no-build-isolation
 TEST_APART = $(APART)/bin/python -m pytest --numprocesses=$(JOBS) --dist=worksteal
 # of `make test`: each collects all tests, 5 s of a processor; one that waits leaves the processors to the others
-JOBS ?= 4
+JOBS ?= 6
 APART_TESTS ?= tests
 RUN ?=
 STEADY ?=
@@ -47,7 +47,7 @@ run: $(VENV)/.drives  ## drive a simulated robot from the keyboard or the page; 
 	wait; \
 	test $$ended = 0 || test $$ended = 130 || exit $$ended  # Ctrl-C ends a drive, and is no error
 
-test: $(VENV)/.dev  ## the tests, four at a time
+test: $(VENV)/.dev  ## the tests, six at a time
 	$(BIN)/python -m pytest --numprocesses=$(JOBS) --dist=worksteal
 
 test-long: $(VENV)/.dev  ## the long tests, too: many repetitions, long runs, and the compiled wheel
