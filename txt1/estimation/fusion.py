@@ -389,7 +389,7 @@ class Fusion:
             judge.late += 1
             return False
         judge.since = now
-        if not isfinite(sum(values) + sum(sigmas)) or min(sigmas) <= 0.0:
+        if not isfinite(sum(values, sum(sigmas, 0.0))) or min(sigmas) <= 0.0:
             wrong = "no number"
         else:
             wrong = ""
