@@ -272,7 +272,7 @@ def tuning(key: str, settings: Sequence[str]) -> list[str]:
         parts.append(paragraph(gain(pairs)))
         seeds = range(OTHER_SEED, OTHER_SEED + REPEATS)
         others = [Pair(*(over(seeds, test, file, settings) for file in (None, gains))) for test in TESTS]
-        told = f"The same gains on the seeds {seeds[0]} to {seeds[-1]}, which tuning did not use: {gain(others)}"
+        told = f"On the seeds {seeds[0]} to {seeds[-1]}, which tuning did not use: {gain(others)}"
         parts.append(paragraph(told))
     return parts
 
@@ -301,8 +301,7 @@ def gain(pairs: Sequence[Pair]) -> str:
     )
     return (
         f"{sum(each > 0.0 for each in sooner)} of {len(steps)} steps settle sooner, by {min(sooner):.3f} to "
-        f"{max(sooner):.2f} s. The largest additional overshoot, in its standard errors, is "
-        f"{100.0 * more:.2f} ± {100.0 * error:.2f} % of the step."
+        f"{max(sooner):.2f} s; overshoot {100.0 * more:+.2f} ± {100.0 * error:.2f} %."
     )
 
 
@@ -439,7 +438,7 @@ TUNING = f"""\
 ## Tuning
 
 [`txt1 tune`](../calibrate.md) identifies the vehicle from its encoders and chooses gains. Old and new gains then drive
-both step tests, {REPEATS} seeds each. After ± stands the standard error.
+both step tests, {REPEATS} seeds each. The overshoot is what is added, in % of the step, where it is most of its error.
 """
 
 ALONE: Final = {"battery-run": battery_runs, "Tuning": tunings}  # sections that need nothing of the others

@@ -1,9 +1,10 @@
 """`python -m docs.worlds`: the pilot's tables in docs/results/learning.md; it learns in all worlds, half an hour.
 
-`--agent locator` makes the locator's table, in the worlds of `PLAIN`; ten minutes.
+`--agent locator` has the locator learn in the worlds of `PLAIN`; ten minutes.
 
-Ended and begun again, it goes on: raw results are kept in out/pilot-worlds and, of many trials in the thesis's world,
-in out/pilot-thesis. `--report` does no more than write the page from them, and out/pilot-worlds/worlds.md.
+Ended and begun again, it goes on: raw results are kept in out/pilot-worlds and out/locator-worlds and, of many trials
+in the thesis's world, in out/pilot-thesis. `--report` does no more than write the page from them, and worlds.md of all
+worlds in the first two.
 """
 
 from __future__ import annotations
@@ -67,11 +68,17 @@ def about(result: dict[str, Any]) -> str:
     )
 
 
+def far(one: dict[str, Any]) -> str:
+    """A world, and how far from its floor the learner is; of one trial nobody knows how sure that is."""
+    upper = f" (up to {one['to_floor_95'][1]:.3f})" if one["to_floor_95"] else ""
+    return f"`{one['world']}` {one['to_floor']:.3f}{upper}"
+
+
 def losses(results: Sequence[dict[str, Any]]) -> str:
     """The worlds in which it is not near its floor, and those that are next, the worst first."""
     every = [suite.figures(one) | {"world": one["world"]} for one in results]
     every.sort(key=lambda one: -float(one["to_floor"]))
-    named = [f"`{one['world']}` {one['to_floor']:.3f} (up to {one['to_floor_95'][1]:.3f})" for one in every]
+    named = [*map(far, every)]
     lost = sum(one["to_floor"] > NEAR for one in every)
     within = f"In {'all ' if not lost else f'{len(every) - lost} of '}{len(every)} worlds the pilot stays within "
     within += f"{NEAR - 1:.0%} of the best possible time.".replace("%", " %")
@@ -82,10 +89,10 @@ def losses(results: Sequence[dict[str, Any]]) -> str:
     )
 
 
-def worlds(results: Sequence[dict[str, Any]]) -> str:
+def worlds(results: Sequence[dict[str, Any]], agent: str) -> str:
     """The table of all worlds."""
     lines = [
-        "| world | pilot: success, to the floor (95 %), to the optimum |",
+        f"| world | {agent}: success, to the floor (95 %), to the optimum |",
         "|---|---|",
         *(f"| `{one['world']}`: {about(one)} | {suite.cell(suite.figures(one))} |" for one in results),
         "",
@@ -124,29 +131,20 @@ def changes(results: Sequence[dict[str, Any]]) -> str:
 
 
 def plain(results: Sequence[dict[str, Any]]) -> str:
-    """The locator in plain worlds, the worst first, and how often its doubt was right."""
-    every = sorted(((suite.figures(one), one) for one in results), key=lambda pair: -float(pair[0]["to_floor"]))
-    ratios = [float(found["to_floor"]) for found, _ in every]
+    """The locator in plain worlds, the worst by name, and how often its doubt was right."""
+    every = sorted((suite.figures(one) | {"world": one["world"]} for one in results), key=lambda one: -one["to_floor"])
+    ratios = [float(one["to_floor"]) for one in every]
+    named = map(far, every[:SHOWN])
     late = np.concatenate([np.array(one["results"], float)[:, LEARNED:].reshape(-1, 8) for one in results])
     said = np.isfinite(late[:, suite.UNFIT])
     slow = (late[:, 3] == 0.0) | (late[:, 2] > suite.SLOW * late[:, 5])
-    lines = [
+    return (
         f"Times the floor after the {LEARNED}th episode: {np.mean(ratios):.3f} in the mean over {len(every)} worlds, "
-        f"{ratios[0]:.3f} at worst, above {FAR} in {sum(each > FAR for each in ratios)}. Of {len(late)} episodes "
-        f"{int((late[:, 3] == 0.0).sum())} failed. It doubted {int((said & ~slow).sum())} of {int((~slow).sum())} fine "
-        f"episodes, and {int((said & slow).sum())} of {int(slow.sum())} that failed or took {suite.SLOW} times the "
-        "floor.",
-        "",
-        "| world | times the floor (95 %) | episode 2 | failed |",
-        "|---|---|---|---|",
-    ]
-    for found, one in every:
-        low, high = found["to_floor_95"] or (float("nan"),) * 2
-        lines.append(
-            f"| `{one['world']}`: {about(one)} | {found['to_floor']:.3f} ({low:.3f} to {high:.3f}) "
-            f"| {found['to_floor_at_episode'][1]:.2f} | {found['failures']} |"
-        )
-    return "\n".join([*lines, "", f"{source(results)}.", ""])
+        f"above {FAR} in {sum(each > FAR for each in ratios)}. Farthest from it: {', '.join(named)}. Of {len(late)} "
+        f"episodes {int((late[:, 3] == 0.0).sum())} failed. It doubted {int((said & ~slow).sum())} of "
+        f"{int((~slow).sum())} fine episodes, and {int((said & slow).sum())} of {int(slow.sum())} that failed or took "
+        f"{suite.SLOW} times the floor. {source(results)}.\n"
+    )
 
 
 def main() -> None:
@@ -163,6 +161,7 @@ def main() -> None:
             common = ["worlds", "usual", "--agent", "locator", "--seed", SEED, "--resume", "--jobs", "1"]
             chosen = ["--world", ",".join(PLAIN), "--trials", given.trials, "--episodes", given.episodes]
             study([*common, *chosen, "--out", str(LOCATOR)])
+        (LOCATOR / "worlds.md").write_text(worlds(read(LOCATOR), "locator"), encoding="utf-8")
         page_parts.write(PAGE, "locator-plain", plain(read(LOCATOR)), "docs.worlds")
         return
     if not given.report:
@@ -175,7 +174,7 @@ def main() -> None:
         "changes": changes(every),
         "thesis": "".join(map(thesis, read(THESIS))),
     }
-    (EVERY / "worlds.md").write_text(worlds(every), encoding="utf-8")
+    (EVERY / "worlds.md").write_text(worlds(every, "pilot"), encoding="utf-8")
     for name, text in texts.items():
         page_parts.write(PAGE, f"pilot-{name}", text, "docs.worlds")
 
