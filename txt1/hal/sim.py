@@ -62,8 +62,6 @@ class SimHal(PlainHal):
         self.world = vehicle.world
         self.outputs = NEUTRAL
         self.indicators = Indicators()
-        self._sensed: object = None
-        self._inputs = Inputs()
 
     async def open(self) -> None:
         """Start with neutral outputs."""
@@ -89,14 +87,9 @@ class SimHal(PlainHal):
 
     def read(self, now: float) -> Inputs:
         """Return encoder counts, voltages and the true pose at `now`."""
-        sensed = self.vehicle.sense(now)
-        if sensed != self._sensed:
-            self._sensed = sensed
-            counted, batteries, cut_off, pose = sensed
-            counts = counted if self._as_counted else self._sent(counted)
-            content = (counts, None, 0.0, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None, False)
-            self._inputs = new(Inputs, content)
-        return self._inputs
+        counted, batteries, cut_off, pose = self.vehicle.sense(now)
+        counts = counted if self._as_counted else self._sent(counted)
+        return new(Inputs, (counts, None, 0.0, batteries, cut_off, NO_BUTTON, BACKLIGHT, pose, None, None, False))
 
     def _sent(self, counts: tuple[int, int]) -> tuple[int, int] | None:
         """Return encoder counts as the wiring delivers them; None without encoders."""

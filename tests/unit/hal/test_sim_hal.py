@@ -101,14 +101,6 @@ def test_opened_and_closed_its_outputs_are_neutral() -> None:
     assert hal.outputs == Outputs()
 
 
-def test_a_report_is_the_same_one_until_something_is_another() -> None:
-    hal = opened()
-    report = hal.read(0.02)
-    assert hal.read(0.02) is report and report.odometry_time == 0.0
-    hal.write(DRIVE, 0.02)
-    assert hal.read(0.5) is not report
-
-
 @pytest.mark.parametrize("steering", ["both", "front"])
 @pytest.mark.parametrize("wiring", [STRAIGHT, Channels(front=Channel(trim=0.0, scale=0.999999))])
 def test_a_car_that_steers_in_front_turns_whatever_its_wiring(steering: str, wiring: Channels) -> None:
