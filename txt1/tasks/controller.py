@@ -4,7 +4,7 @@ from math import inf
 from operator import attrgetter
 from typing import Final
 
-from txt1.control.limits import Fault, Gate, Outputs
+from txt1.control.limits import Fault, Gate
 from txt1.control.loops import Loops
 from txt1.control.pid import Gains, at_rest
 from txt1.hal.base import Capabilities, Hal
@@ -119,11 +119,11 @@ async def controller(ticks: Ticks, state: State, hal: Hal, gate: Gate, geometry:
             cycle.watch_line()
         cycle.measure(now)
         cycle.watch_wheels(now)
-        outputs = cycle.decide(now)
+        control = cycle.decide(now)
         if not cycle.drives or cycle.asked_since < inf:
             cycle.explain(now)
-        hal.write(outputs, now)
-        cycle.show(outputs)
+        hal.write(control.outputs, now)
+        state.control = control
 
 
 class Cycle:
@@ -136,9 +136,8 @@ class Cycle:
         self.board = state.board
         # measured: the source, speed (m/s) and yaw rate (rad/s), and s since the reading before
         self.source, self.v_now, self.omega_now, self.dt, self._read_at = ENCODER, 0.0, 0.0, CONTROL_PERIOD, 0.0
-        # asked for: the command, and by the controller's decision the set-point and its gains
+        # the command that asks
         self._given: ManualPwm | Command | None = None
-        self.v, self.omega, self.gains = 0.0, 0.0, _OFF
         # whether it may act, whether the loops carry it out, and the mode
         self._passes, self.drives, self._was_manual = False, False, False
         # since when commands have been in vain, s of the run, and whether that was told
@@ -177,8 +176,8 @@ class Cycle:
         if now - state.odometry_time > ODOMETRY_TIMEOUT:
             gate.disarm("odometry lost", Fault.ODOMETRY)
 
-    def decide(self, now: float) -> Outputs:
-        """Return the outputs for the command in force: neutral unless it may act."""
+    def decide(self, now: float) -> Control:
+        """Return the outputs and set-point for the command in force: neutral unless it may act."""
         state, gate = self._state, self._gate
         manual = state.panel.manual is True
         given = self._given = state.manual_pwm if manual else state.command
@@ -187,37 +186,33 @@ class Cycle:
             gate.count(Fault.MEASURED)
             passes = False
         self._passes, self.drives = passes, False
-        self.v, self.omega, self.gains = 0.0, 0.0, _OFF
         was_manual, self._was_manual = self._was_manual, manual
-        if (
-            given is None
-            or not passes
-            or manual is not was_manual
-            or not state.link.alive
-            or state.power.esc is False
-            or (isinstance(given, Command) and given.omega == 0.0 and at_rest(given.v, self.v_now))
-        ):
-            self._loops.clear()
-            return gate.neutral(state.servos)
-        if isinstance(given, ManualPwm):
-            return gate.outputs(given.motor, given.front, given.rear, state.servos, 0.0, 0.0)
-        return self._close_loops(given, now)
+        if passes and manual is was_manual and state.link.alive and state.power.esc is not False:
+            if isinstance(given, ManualPwm):
+                outputs = gate.outputs(given.motor, given.front, given.rear, state.servos, 0.0, 0.0)
+                return Control(outputs, source=self.source)
+            assert given is not None
+            v, omega, _, _ = given
+            if omega != 0.0 or not at_rest(v, self.v_now):
+                return self._close_loops(v, omega, now)
+        self._loops.clear()
+        return new(Control, (gate.neutral(state.servos), 0.0, 0.0, self.source, _OFF))
 
-    def _close_loops(self, given: Command, now: float) -> Outputs:
-        """Return the outputs by both loops for the set-point that the guards allow."""
+    def _close_loops(self, v: float, omega: float, now: float) -> Control:
+        """Return the outputs by both loops for the set-point that the guards allow, and this set-point."""
         state, gate = self._state, self._gate
-        v, omega, _, _ = given
         if gate.guards:
             v, omega = gate.guarded(v, omega, now)
-        self.v, self.omega = v, omega
         motor = steering = 0.0
+        angular = _OFF
         if state.held:
             self._loops.clear()
         if self._closes_loops:
             linear, schedule, self.drives = state.gains
-            angular = self.gains = schedule.at(self.v_now)
+            angular = schedule.at(self.v_now)
             motor, steering = self._loops.step(v, omega, self.v_now, self.omega_now, linear, angular, self.dt)
-        return gate.outputs(motor, -steering, steering, state.servos, v, omega)
+        outputs = gate.outputs(motor, -steering, steering, state.servos, v, omega)
+        return new(Control, (outputs, v, omega, self.source, angular))
 
     def explain(self, now: float) -> None:
         """Tell once why commands are in vain, when they have been for UNMOVED."""
@@ -235,15 +230,3 @@ class Cycle:
         ):
             self._told = True
             state.tell(now, reason)
-
-    def show(self, outputs: Outputs) -> None:
-        """Store what was decided, if it has changed."""
-        state = self._state
-        control = state.control
-        if (
-            outputs is not control.outputs
-            or self.source is not control.source
-            or self.v != control.v
-            or self.omega != control.omega
-        ):
-            state.control = new(Control, (outputs, self.v, self.omega, self.source, self.gains))

@@ -292,13 +292,13 @@ def test_what_the_controller_tells_is_not_said_again_in_snapshots() -> None:
     assert [topic.in_snapshots for topic in (SETPOINT, PWM, GAINS)] == [True, False, False]
 
 
-def test_at_rest_nothing_is_told_anew_but_where_the_velocities_come_from() -> None:
+def test_at_rest_nothing_changes_but_where_the_velocities_come_from() -> None:
     desk = Desk()
     desk.step(None, 0.0, AT_REST)
     first = desk.state.control
     assert first == Control(Outputs(), 0.0, 0.0, Source.ENCODER, Gains())
     desk.step(None, 0.0, AT_REST)
-    assert desk.state.control is first
+    assert desk.state.control == first
     desk.state.link = LinkState(alive=True, combined=True)
     desk.state.combined = CombinedSample(0.0, 0.0, desk.now)
     desk.step(None, 0.0, AT_REST)
