@@ -304,7 +304,8 @@ async def _log_lines(runtime: Runtime) -> None:
 
 def _put(text: str) -> None:
     """Print a line without control characters, unless its reader has stopped reading."""
-    text = "".join(letter if letter.isprintable() else " " for letter in text)
+    if not text.isprintable():
+        text = "".join(letter if letter.isprintable() else " " for letter in text)
     # a pipe is writable while a line fits
     _, writable, _ = select.select([], [STDOUT], [], 0.0)
     if writable:
