@@ -19,6 +19,8 @@ MEASURED: Final = re.compile(r"`((?:python -m|make) [^`]+)`, ([0-9a-f]{7,40}), (
 """The last cell of a row."""
 SPINE: Final = ("txt1/kernel", "txt1/tasks", "txt1/control", "txt1/telemetry", "txt1/hal/sim.py", "txt1/runtime.py")
 SIMULATION: Final = (*SPINE, "txt1/sim", "txt1/model")
+# many robots in step, whose clock, tasks and hardware layer are not the robot's
+LOCKSTEP: Final = ("txt1/sim/batch.py", "txt1/sim/dynamics.py", "txt1/sim/machine_code.py", "txt1/learning/batch.py")
 REAL_TIME: Final = (*SPINE, "txt1/record", "txt1/sidecar.py", "txt1/ui")
 PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     "make bench": SIMULATION,
@@ -26,9 +28,9 @@ PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     "python -m benchmarks robots": SIMULATION,
     "python -m benchmarks recording": (*SIMULATION, "txt1/record"),
     "python -m benchmarks.punctuality": REAL_TIME,
-    "python -m benchmarks.learning_steps": ("txt1/sim/batch.py", "txt1/sim/machine_code.py", "txt1/learning"),
+    "python -m benchmarks.learning_steps": (*LOCKSTEP, "txt1/learning/env.py", "txt1/learning/drive_tasks.py"),
     "python -m benchmarks learning_time": (*SIMULATION, "txt1/learning"),
-    "python -m docs.thesis_readings": (*SIMULATION, "txt1/learning/thesis.py"),
+    "python -m docs.thesis_readings": (*LOCKSTEP, "txt1/learning/thesis.py", "txt1/learning/light_direction.py"),
     "python -m txt1_learners.studies": ("plugins/learners/txt1_learners/pilot.py",),
 }
 """What each command measures; a row's command may go on with options."""
