@@ -24,7 +24,7 @@ from benchmarks.cars import Cars, in_line
 from benchmarks.rounds import table
 from txt1.experiments.figures import COLOURS, LOOKS
 from txt1.fleet import guard, radio, steering
-from txt1.fleet.convoy import GAIN, GAP, HEADWAY, Follower, Leader
+from txt1.fleet.convoy import GAP, GAP_GAIN, HEADWAY, Follower, Leader
 from txt1.fleet.coverage import Coverage
 from txt1.fleet.plan import names
 from txt1.fleet.radio import Pose
@@ -49,7 +49,7 @@ def apart(random: Random, count: int, half: float) -> list[Pose]:
     return poses
 
 
-def amplification(omega: float, gain: float = GAIN, headway: float = HEADWAY, tau: float = 0.35) -> float:
+def amplification(omega: float, gain: float = GAP_GAIN, headway: float = HEADWAY, tau: float = 0.35) -> float:
     """abs(G) at a frequency in rad/s: by how much a spacing error grows from one robot to the next."""
     s = 1j * omega
     return abs((s + gain) / (tau * s * s + (1.0 + gain * headway) * s + gain))

@@ -21,7 +21,7 @@ from benchmarks.rounds import table
 from txt1.fleet import body, convoy, coverage, fleet, rendezvous, search
 from txt1.fleet import cooperation as parts
 from txt1.fleet.fleet import Fleet
-from txt1.fleet.guard import MARGIN, WALL
+from txt1.fleet.guard import ROBOT_MARGIN, WALL
 from txt1.fleet.law import LAWS, make_law
 from txt1.fleet.plan import FleetPlan, MemberPlan
 from txt1.fleet.radio import Pose
@@ -60,7 +60,7 @@ def scene(
     while len(places) < len(kinds):
         most_x, most_y = (0.5 * side - reach - WALL - 0.1 for side in room)
         x, y = random.uniform(-most_x, most_x), random.uniform(-most_y, most_y)
-        if all(hypot(x - a, y - b) > 2.0 * reach + MARGIN + 0.1 for a, b, _ in places):
+        if all(hypot(x - a, y - b) > 2.0 * reach + ROBOT_MARGIN + 0.1 for a, b, _ in places):
             places.append((x, y, random.uniform(-pi, pi)))
     return dict(zip(NAMES, kinds, strict=True)), dict(zip(NAMES, places, strict=True)), room, settings
 

@@ -35,7 +35,7 @@ from benchmarks.web_car import ENDLESS, PATIENCE
 from benchmarks.web_stop import TOKEN, cells, on_core, trusting, upgrade
 from rigs.live_browser import live
 from rigs.poor_network import HERE, NAMESPACE, poor_network
-from txt1.bridges.registry import SILENCE
+from txt1.bridges.registry import HEARTBEAT_SILENCE
 from txt1.sensors.base import Reading
 from txt1.sensors.camera import jpeg
 from txt1.sensors.readings import Image, image_topic
@@ -109,7 +109,7 @@ def _be(line: Connection, folder: Path) -> None:
     certificate, key = own_certificate(folder, HERE)
     given = {"host": "0.0.0.0", "token": str(token), "certificate": str(certificate), "key": str(key)}
     settings = (*ENDLESS, "sensors.camera.driver=filmed")
-    with live(settings, folder=folder, silence=SILENCE, **given) as robot:
+    with live(settings, folder=folder, silence=HEARTBEAT_SILENCE, **given) as robot:
         gate: Any = robot.robot.runtime.gate
         stop: Callable[[], None] = gate.stop
 

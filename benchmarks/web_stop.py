@@ -33,7 +33,7 @@ import aiohttp
 from benchmarks.rounds import table, verdict, write
 from benchmarks.web_car import ENDLESS, PATIENCE
 from rigs.live_browser import live
-from txt1.bridges.registry import SILENCE
+from txt1.bridges.registry import HEARTBEAT_SILENCE
 from txt1.web.auth import Auth, Role, visitors_token
 from txt1.web.certificate import own_certificate
 from txt1.web.requests import REQUESTS
@@ -227,7 +227,7 @@ def _be(line: Connection, folder: Path) -> None:
     token.chmod(0o600)
     certificate, key = own_certificate(folder, "127.0.0.1")
     given = {"token": str(token), "certificate": str(certificate), "key": str(key)}
-    with live(ENDLESS, folder=folder, silence=SILENCE, **given) as robot:
+    with live(ENDLESS, folder=folder, silence=HEARTBEAT_SILENCE, **given) as robot:
         gate: Any = robot.robot.runtime.gate
         stop: Callable[[], None] = gate.stop
 

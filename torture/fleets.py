@@ -281,7 +281,7 @@ async def _name_taken(struck: Scene, rng: random.Random) -> list[float]:
     console = await struck.console()
     await struck.drives(console)
     refused: list[str] = []
-    with patch("txt1.fleet.network.LOOK", 0.0):
+    with patch("txt1.fleet.network.NAME_CHECK_TIME", 0.0):
         hooks = Hooks(double=refused.append)
         second = await asyncio.to_thread(Peer, struck.name, hooks=hooks, fleet=struck.key.fleet)
     struck.stack.callback(second.close)

@@ -20,7 +20,7 @@ from typing import Final
 
 import numpy as np
 
-from txt1.teaching.features import CAMERA_TRUNK, HORIZON, PICTURE, Seen, Sight, picture
+from txt1.teaching.features import CAMERA_TRUNK, HORIZON_SHARE, PICTURE, Seen, Sight, picture
 from txt1.teaching.training import LessonSet, Recipe, train
 
 VENV: Final = Path("build/donkey-venv")
@@ -62,7 +62,7 @@ def unpacked(path: Path) -> Iterator[Path]:
 def lessons_of(folder: Path) -> tuple[list[Sight], LessonSet]:
     """All pictures of a folder, and what the human did."""
     records = [json.loads(line) for line in (folder / "records.jsonl").read_text(encoding="utf-8").splitlines()]
-    pictures = [picture((folder / "images" / each["image"]).read_bytes(), *PICTURE, HORIZON) for each in records]
+    pictures = [picture((folder / "images" / each["image"]).read_bytes(), *PICTURE, HORIZON_SHARE) for each in records]
     commands = np.array([(each["steering"], each["throttle"]) for each in records], np.float32)
     # the times in the file are those of its making, and 20 a second is what donkeycar records
     times = np.arange(len(records)) / 20.0

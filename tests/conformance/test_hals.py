@@ -581,8 +581,8 @@ ON_BAD_LINES = [
     ("tears", "txt1.cars.vesc.driver.Unpacker", Forgetful, "BoardLink.ready comes true"),
     ("merges", "txt1.cars.vesc.driver.Unpacker", OneAtATime, "BoardLink.ready comes true"),
     ("corrupts", "txt1.cars.vesc.driver.VescHal", Frightened, "has firmware 0"),
-    ("is_late", "txt1.hal.line.LOST", 0.05, "it leapt by"),
-    ("loses_and_doubles", "txt1.hal.line.LOST", 0.03, "BoardLink.ready comes true"),
+    ("is_late", "txt1.hal.line.ANSWER_SILENCE", 0.05, "it leapt by"),
+    ("loses_and_doubles", "txt1.hal.line.ANSWER_SILENCE", 0.03, "BoardLink.ready comes true"),
     ("is_cut", "txt1.cars.vesc.driver.VescHal", Untroubled, "counts a line that is cut"),
 ]
 

@@ -37,7 +37,7 @@ from txt1.fleet.network import Peer, configuration
 from txt1.fleet.plan import FleetPlan, MemberPlan, names, plan_of
 from txt1.fleet.screen import screen as fleet_screen
 from txt1.fleet.selection import Selection
-from txt1.fleet.shared_knowledge import FORGET, LEARNED, TOLD, learned_of
+from txt1.fleet.shared_knowledge import ALL_TOLD, FORGET, LEARNED, learned_of
 from txt1.fleet.stopping import Standing
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
@@ -339,7 +339,7 @@ async def test_who_joins_waits_for_the_others_but_not_for_an_absent_fleet() -> N
         assert not joining.done()
         link.requests["fleet"](members=[], heard={})
         await joining
-        assert robot.now - began == pytest.approx(3.0 + TOLD, abs=0.1)
+        assert robot.now - began == pytest.approx(3.0 + ALL_TOLD, abs=0.1)
         await alone.joined()
         assert robot.now - began < 30.0
 

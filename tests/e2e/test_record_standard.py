@@ -24,7 +24,7 @@ from txt1.record.mcap_records import Encoder
 from txt1.record.reader import FilePass
 from txt1.record.verification import verify
 from txt1.sensors.mounts import SensorFrames, mounted
-from txt1.sensors.readings import BASE, DepthImage, Mount, Scan, scan_topic
+from txt1.sensors.readings import BASE_HEIGHT, DepthImage, Mount, Scan, scan_topic
 from txt1.sensors.ros_messages import depth_points
 from txt1.tasks.fields import LOG, Event
 
@@ -61,7 +61,7 @@ def test_frames_of_the_sensors_that_are_there_lead_to_the_robots_own(drive: Path
 
 def test_a_laser_that_sits_elsewhere_has_its_frame_there() -> None:
     frames, topic = SensorFrames(), scan_topic("of_the_frames")
-    there = Mount(-0.2, 0.1, BASE + 0.3, 1.5)
+    there = Mount(-0.2, 0.1, BASE_HEIGHT + 0.3, 1.5)
     scan = Scan(0.0, 0.1, 0.0, np.ones(3, np.float32), 0.1, 4.0)
     assert frames.see(topic, scan) and not frames.see(topic, scan)
     moved = Scan(0.0, 0.1, 0.0, np.ones(3, np.float32), 0.1, 4.0, mount=there)
@@ -97,7 +97,9 @@ def test_the_second_laser_is_drawn_where_it_sits() -> None:
     scan = Scan(0.0, 0.1, 0.0, np.ones(3, np.float32), 0.1, 4.0)
     assert frames.link(front) == "base_laser_link"
     # whichever is heard first
-    assert frames.see(rear, dataclasses.replace(scan, mount=Mount(-0.3, 0.0, BASE, 3.1))) and frames.see(front, scan)
+    assert frames.see(rear, dataclasses.replace(scan, mount=Mount(-0.3, 0.0, BASE_HEIGHT, 3.1))) and frames.see(
+        front, scan
+    )
     places = {each["child_frame_id"]: each["transform"]["translation"] for each in mounted(frames.mounts)["transforms"]}
     assert places["base_rear_of_two_laser_link"]["x"] == -0.3 and places["base_laser_link"]["x"] == 0.1905
     assert frames.framed(rear, rear).constants == {"header": {"frame_id": "base_rear_of_two_laser_link"}}

@@ -22,7 +22,7 @@ SUFFIXES: Final = (".bag", ".db3", ".mcap")
 METADATA: Final = "metadata.yaml"
 """In the folder that `ros2 bag record` makes."""
 OWN: Final = b"txt1"
-HEAD: Final = 64
+HEADER_BYTES: Final = 64
 """Bytes at the beginning of an MCAP file that hold its header's library."""
 NS_PER_S: Final = 1e9
 
@@ -61,7 +61,7 @@ def is_bag(path: Path) -> bool:
         return path.suffix in SUFFIXES
     try:
         with path.open("rb") as file:
-            return OWN not in file.read(HEAD)
+            return OWN not in file.read(HEADER_BYTES)
     except OSError:
         return False
 

@@ -41,7 +41,7 @@ SPACER: Final = b"\x00"
 """Sent between frames back to back: original hosts lose the byte that follows a frame if it has already arrived."""
 
 # s of silence on the line after which a frame needs no spacer
-SPACING: Final = 0.02
+SPACER_SILENCE: Final = 0.02
 
 
 ENCODERS: Final = {"encoders": ("right", "left"), "right_encoder": ("right",), "left_encoder": ("left",)}
@@ -200,7 +200,7 @@ class Board:
             # farther away than 2000 km, beyond the message's range
             return
         time = self._loop.time()
-        if time < self._busy_until + SPACING:
+        if time < self._busy_until + SPACER_SILENCE:
             frame = self.habits.spacer + frame
         self._busy_until = max(time, self._busy_until) + len(frame) * self._byte_time
         self.runtime.bus.publish(LINK, ("out", frame), self.runtime.now)

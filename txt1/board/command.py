@@ -25,13 +25,13 @@ from txt1.tasks.fields import LOG as EVENT_LOG
 from txt1.ui.terminal import Terminal
 
 # V of each pack after the key b: bad
-LOW: Final = 8.7
+LOW_BATTERY: Final = 8.7
 SHOWN: Final = {
     "q": "quit",
     "?": "help",
     "c": "centre button",
     "e": "ESC",
-    "b": f"{LOW} V",
+    "b": f"{LOW_BATTERY} V",
     "r": f"restart {OUTAGE} s",
     "space": "stop",
     "←→": "screen",
@@ -107,7 +107,7 @@ def keys(board: Board) -> dict[str, Callable[[], None]]:
     vehicle = board.vehicle
     return {
         "e": lambda: board.happen(BoardEvent("esc", float(not vehicle.esc_on))),
-        "b": lambda: board.happen(BoardEvent("battery", LOW if vehicle.faults.voltage is None else None)),
+        "b": lambda: board.happen(BoardEvent("battery", LOW_BATTERY if vehicle.faults.voltage is None else None)),
         "r": lambda: board.happen(BoardEvent("restart", OUTAGE)),
     }
 

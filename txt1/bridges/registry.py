@@ -50,7 +50,7 @@ SHOWN_MAX: Final = 80
 # length of a line that a bridge adds to the event log
 TOLD_MAX: Final = 400
 # s without a heartbeat after which a bridge counts as hung, is ended and started again
-SILENCE: Final = 5.0
+HEARTBEAT_SILENCE: Final = 5.0
 # a stop comes through a bridge: beside busy programs it must not wait as long as a screen may
 BRIDGE_NICENESS: Final = 5
 # s between two pieces of telemetry for topics that a bridge wants seldom
@@ -69,7 +69,7 @@ async def bridge(
     requests: Mapping[str, Callable[..., object]] | None = None,
     *,
     restart: Restart = RESTART,
-    silence: float | None = SILENCE,
+    silence: float | None = HEARTBEAT_SILENCE,
     ready: Callable[[], None] = lambda: None,
     niceness: int = BRIDGE_NICENESS,
 ) -> AsyncIterator[Sidecar]:
@@ -92,7 +92,7 @@ async def fleet_bridge(
     requests: Mapping[str, Mapping[str, Callable[..., object]]] | None = None,
     *,
     restart: Restart = RESTART,
-    silence: float | None = SILENCE,
+    silence: float | None = HEARTBEAT_SILENCE,
     ready: Callable[[], None] = lambda: None,
 ) -> AsyncIterator[Sidecar]:
     """Run one bridge for several robots of this process; `requests` are each robot's, by name.

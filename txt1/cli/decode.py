@@ -12,7 +12,7 @@ from txt1.protocol.decoder import Decoder
 from txt1.protocol.layout import Role
 
 # bytes of a capture that are read at once
-CHUNK = 1 << 16
+READ_BYTES = 1 << 16
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def main(arguments: argparse.Namespace) -> int:
         with ExitStack() as stack:
             file = sys.stdin.buffer if arguments.file == "-" else stack.enter_context(open(arguments.file, "rb"))
             lines = (line.decode("ascii", "replace") for line in file)
-            reads = capture.read_hex(lines) if arguments.hex else iter(lambda: file.read(CHUNK), b"")
+            reads = capture.read_hex(lines) if arguments.hex else iter(lambda: file.read(READ_BYTES), b"")
             for offset, event in capture.decode(decoder, reads):
                 print(json.dumps(capture.as_dict(offset, event)) if arguments.json else capture.describe(offset, event))
     except BrokenPipeError:

@@ -33,11 +33,11 @@ ODOMETRY_RATE: Final = 20.0
 # number below which messages are missing
 RATE_SHARE: Final = 0.95
 # s of age up to which odometry is fresh enough for driving
-AGE_MAX: Final = 0.15
+ODOMETRY_AGE_MAX: Final = 0.15
 # by HAL: (Config) -> findings on the computer
 DOCTORS: Final = Registry("doctor", "txt1.doctors", {})
 # s, a quick round trip of a PID set: 42 ms of it for the bytes at 57600 baud
-ANSWER_MAX: Final = 0.3
+ROUND_TRIP_MAX: Final = 0.3
 
 
 class Observations:
@@ -145,7 +145,7 @@ def findings(f: Observations, baud: int) -> Iterator[Finding]:
         yield judged(
             "age",
             f"odometry was at most {1e3 * f.age_max:.0f} ms old",
-            f.age_max <= AGE_MAX,
+            f.age_max <= ODOMETRY_AGE_MAX,
             "something holds it up; USB adapters have a latency timer, hubs add to it",
         )
         if f.levels:
@@ -162,7 +162,7 @@ def findings(f: Observations, baud: int) -> Iterator[Finding]:
             yield judged(
                 "PID set",
                 f"answered {len(f.answers)} of {f.asked} times, after {1e3 * trip:.0f} ms",
-                trip <= ANSWER_MAX and share >= 0.75,
+                trip <= ROUND_TRIP_MAX and share >= 0.75,
                 "long frames are lost or held up on the way",
             )
     else:

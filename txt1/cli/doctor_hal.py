@@ -12,7 +12,7 @@ from txt1.kit.findings import Finding, judged
 
 READING_PERIOD: Final = 0.02  # s
 # readings a second of a hardware layer that computes odometry, at least
-ODOMETRY_RATE: Final = 15.0
+ODOMETRY_RATE_MIN: Final = 15.0
 THROTTLED: Final = (
     (0, "under-voltage now", "a stronger supply, or shorter and thicker wires to it"),
     (2, "slowed down now", "cool it, and look at its supply"),
@@ -79,7 +79,7 @@ async def examined(hal: Hal, duration: float) -> list[Finding]:
     if can.odometry:
         rate = readings / duration
         text = f"{rate:.0f} a second, at most {1e3 * slowest:.0f} ms apart"
-        found.append(judged("odometry", text, rate >= ODOMETRY_RATE, "the line is slow, or loses answers"))
+        found.append(judged("odometry", text, rate >= ODOMETRY_RATE_MIN, "the line is slow, or loses answers"))
     if can.ticks and inputs.ticks is not None:
         found.append(Finding("encoders", f"right {inputs.ticks[0]}, left {inputs.ticks[1]} counts"))
     if can.battery:

@@ -43,13 +43,13 @@ LEVEL_TIME: Final = 4.0
 # s between two holds
 REST_TIME: Final = 2.5
 # motor counts while the steering is tried
-CRUISE: Final = 1800
+STEERING_TRIAL_COUNTS: Final = 1800
 # steering counts, left positive, one after the other
 LOCKS: Final = (6000, 0, -6000, 0, 12000, 0, -12000, 0)
 # s of each
 LOCK_TIME: Final = 1.6
 # share of a step's time, at its end, that counts as steady
-STEADY: Final = 0.4
+STEADY_SHARE: Final = 0.4
 
 
 # unevenness of the floor, as a share of the speed, new at every tick; assumed, so that encoders show no patterns
@@ -132,9 +132,9 @@ async def _by_hand(robot: Robot) -> list[HeldOutputs]:
         for level in LEVELS:
             await hold(level, 0, LEVEL_TIME)
             await hold(0, 0, REST_TIME)
-        await hold(CRUISE, 0, LEVEL_TIME)
+        await hold(STEERING_TRIAL_COUNTS, 0, LEVEL_TIME)
         for lock in LOCKS:
-            await hold(CRUISE, lock, LOCK_TIME)
+            await hold(STEERING_TRIAL_COUNTS, lock, LOCK_TIME)
     finally:
         await robot.set_manual(False)
     return holds
@@ -260,7 +260,7 @@ def _delay_and_lag(responses: Sequence[tuple[Sequence[float], Array]], delays: S
 
 
 def _steady(values: Sequence[float]) -> float:
-    return float(np.mean(values[-round(len(values) * STEADY) :]))
+    return float(np.mean(values[-round(len(values) * STEADY_SHARE) :]))
 
 
 def _area(values: Sequence[float], before: float, period: float) -> float:

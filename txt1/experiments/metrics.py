@@ -17,13 +17,13 @@ from txt1.experiments.runner import Leg, Outcome
 from txt1.model.battery import INTERCEPT_V, SAFE_END_MIN, SLOPE_V_PER_MIN
 
 # s of a mean
-WINDOW: Final = 0.2
+MEAN_WINDOW: Final = 0.2
 # share of a step within which a response counts as settled
 BAND: Final = 0.05
 # an encoder count in a tick, m/s and rad/s: no band is narrower
 QUANTUM: Final = {"v": 0.016, "omega": 0.064}
 # share of a step's time, at its end, that counts as steady
-STEADY: Final = 0.5
+STEADY_SHARE: Final = 0.5
 # s after which a circle is judged
 SETTLE_IN: Final = 2.0
 # m of a leg, from its start, in which the robot still comes round the corner
@@ -67,7 +67,7 @@ def smooth(values: Array, times: Array) -> Array:
     """Return means over 0.2 s centred on each sample, shape as `values`; shorter at both ends."""
     if len(values) < 2:
         return values
-    half = round(0.5 * WINDOW / float(np.median(np.diff(times))))
+    half = round(0.5 * MEAN_WINDOW / float(np.median(np.diff(times))))
     sums = np.concatenate(([0.0], np.cumsum(values)))
     at = np.arange(len(values))
     first, last = np.maximum(at - half, 0), np.minimum(at + half + 1, len(values))
@@ -85,8 +85,8 @@ def response(recording: Recording, channel: Channel, first: int = 0, last: int |
     read, new = np.unique(recording["read"], return_index=True)
     read, way = even(read), recording["way" if channel == "v" else "turn"][new]
     # a board reads its encoders at 50 Hz and reports at 20 Hz: only means over whole 0.1 s are even
-    end = np.minimum(time + 0.5 * WINDOW, min(time[-1], read[-1]))
-    begin = np.maximum(end - WINDOW, time[0])
+    end = np.minimum(time + 0.5 * MEAN_WINDOW, min(time[-1], read[-1]))
+    begin = np.maximum(end - MEAN_WINDOW, time[0])
     span = end - begin
     means: Array = (np.interp(end, read, way) - np.interp(begin, read, way)) / np.where(span > 0.0, span, np.inf)
     return means
@@ -133,7 +133,7 @@ def _step(recording: Recording, channel: Channel, first: int, last: int, before:
     size = after - before
     speed = response(recording, channel, first, last)
     elapsed = recording["time"][first:last] - recording["time"][first]
-    late = elapsed >= (1.0 - STEADY) * elapsed[-1]
+    late = elapsed >= (1.0 - STEADY_SHARE) * elapsed[-1]
     steady = float(speed[late].mean())
     band = BAND * abs(size) if truth else max(BAND * abs(size), QUANTUM[channel])
     settling = settled_after(speed - steady, band, elapsed)
@@ -147,7 +147,7 @@ def _step(recording: Recording, channel: Channel, first: int, last: int, before:
         float(elapsed[above[1][0]] - elapsed[above[0][0]]) if len(above[1]) else None,
         max(0.0, float(excess(speed, size).max())),
         None,
-        settling if settling < (1.0 - 0.5 * STEADY) * elapsed[-1] else None,
+        settling if settling < (1.0 - 0.5 * STEADY_SHARE) * elapsed[-1] else None,
         steady - after,
         float(recording[f"true_{channel}" if truth else channel][first:last][late].std()),
         band,
@@ -171,7 +171,7 @@ def excess(speed: Array, size: float) -> Array:
 
     The peaks of the steady part are noise, and a response that creeps up to its end value has not overshot.
     """
-    begins = round((1.0 - STEADY) * len(speed))
+    begins = round((1.0 - STEADY_SHARE) * len(speed))
     beyond: Array = (speed[: max(begins, 1)] - speed[begins:].mean()) / size
     return beyond
 
@@ -223,7 +223,7 @@ def difference(recording: Recording, other: Recording, channel: Channel) -> Devi
     for first, last in changes(recording):
         at = time[first:last]
         # later means overlap with the next response
-        at = at[at < min(at[-1] - 0.5 * WINDOW, until)]
+        at = at[at < min(at[-1] - 0.5 * MEAN_WINDOW, until)]
         if not len(at):
             continue
         tried = [here[first : first + len(at)] - np.interp(at + delay, other["time"], there) for delay in DELAYS]

@@ -28,7 +28,7 @@ STOPPED_V: Final = 0.02
 # ... and s after which a vehicle that stands although it is commanded to drive ends the experiment
 STOPPED_TIME: Final = 5.0
 # s between two checks of the batteries
-LOOK: Final = 1.0
+BATTERY_CHECK_PERIOD: Final = 1.0
 
 
 class Leg(NamedTuple):
@@ -172,7 +172,7 @@ class Experiment:
         """Return why the experiment has to end early: the batteries, or a vehicle that does not move."""
         robot = self.robot
         while True:
-            await asyncio.sleep(LOOK)
+            await asyncio.sleep(BATTERY_CHECK_PERIOD)
             battery, now = robot.battery, robot.now
             driven = now - self._begin
             if battery.state is BatteryState.WARNING and self._warned is None:

@@ -19,7 +19,7 @@ SPEEDS: Final = (0.25, 0.5, 0.75, 1.0)
 # steps of the yaw rate, rad/s
 TURNS: Final = ((0.0, 0.3), (0.3, 0.4), (0.4, 0.6), (0.6, 0.8))
 # m/s at which they are tested; the loop's gain is the same at every speed
-CRUISE: Final = 0.5
+TEST_SPEED: Final = 0.5
 # m/s, the fastest the controller accepts (thesis 4.2)
 V_MAX: Final = 1.5
 # seeds of the tests of the speed
@@ -39,7 +39,7 @@ TURN_NO_OVERSHOOT: Final = 0.002
 # s, the cost of an overshoot of 1 beyond the allowed; the same for noise, as a share of a step
 EXCESS: Final = 10000.0
 # s by which every step of the speed has to settle sooner in the model, to do so on the vehicle, ..
-MARGIN: Final = 0.03
+SETTLE_MARGIN: Final = 0.03
 # ... and every step of the yaw rate
 TURN_MARGIN: Final = 0.06
 # cost of each s by which a step settles later than before, however soon others do
@@ -90,7 +90,7 @@ def linear_gains(
         for kp, rate in product(PROPORTIONAL, RATES)
     )
     steps = [(0.0, v) for v in SPEEDS]
-    return _best(respond, steps, before, candidates, MARGIN, NO_OVERSHOOT, tried)
+    return _best(respond, steps, before, candidates, SETTLE_MARGIN, NO_OVERSHOOT, tried)
 
 
 def angular_gains(
@@ -106,15 +106,15 @@ def angular_gains(
     borders = [gain_set.v_max for gain_set in schedule.sets]
     highest = [_highest(below, v_max, borders) for below, v_max in zip((-V_MAX, *borders), borders, strict=False)]
     # of the set in force in the tests
-    here = highest[min(bisect_left(borders, CRUISE), len(borders) - 1)]
+    here = highest[min(bisect_left(borders, TEST_SPEED), len(borders) - 1)]
 
     def respond(gains: Gains, step: Step) -> list[Array]:
-        return [yaw_response(plant, gains, CRUISE, *step, TURN_TRIAL, geometry, seed) for seed in TURN_SEEDS]
+        return [yaw_response(plant, gains, TEST_SPEED, *step, TURN_TRIAL, geometry, seed) for seed in TURN_SEEDS]
 
     # mrad/s
     per_count = 1000.0 * plant.steering_gain * here
     candidates = (Gains(kp / per_count, ki / per_count, 0.0) for kp, ki in product(TURN_PROPORTIONAL, TURN_RATES))
-    best = _best(respond, TURNS, schedule.at(CRUISE), candidates, TURN_MARGIN, TURN_NO_OVERSHOOT, tried)
+    best = _best(respond, TURNS, schedule.at(TEST_SPEED), candidates, TURN_MARGIN, TURN_NO_OVERSHOOT, tried)
     return tuple(
         GainSet(v_max, Gains(round(best.kp * here / speed, 3), round(best.ki * here / speed, 3), 0.0))
         for v_max, speed in zip(borders, highest, strict=True)

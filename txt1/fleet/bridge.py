@@ -19,7 +19,7 @@ from txt1.errors import ConfigError
 from txt1.fleet.key import FLEET_NAME
 from txt1.fleet.messages import StopAnswer
 from txt1.fleet.network import Hooks, Peer
-from txt1.fleet.radio import SILENCE
+from txt1.fleet.radio import ROBOT_SILENCE
 from txt1.fleet.shared_knowledge import learned_of
 from txt1.fleet.stopping import Standing
 from txt1.kernel.clock import NS_PER_S, RealClock
@@ -32,7 +32,7 @@ SELDOM: Final = ["/learned"]
 # s between two tables of a robot that are passed on
 PASSED: Final = 0.8
 # tables that are passed on at a time
-AT_ONCE: Final = 5
+TABLES_AT_ONCE: Final = 5
 # orders of each kind that wait for the next look; only the newest are kept
 ORDERS: Final = 20
 # bytes of a list about the others
@@ -40,7 +40,7 @@ ROOM: Final = LINE_MAX * 2 // 5
 # s after which an incomplete stop of all is reported as it stands
 ANSWERED: Final = 1.0
 # s for which a stop of all is shown
-SHOWN: Final = 60.0
+STOP_SHOWN: Final = 60.0
 # s that an order of the others may wait
 WAIT: Final = 0.01
 
@@ -126,7 +126,7 @@ def refused(robot: Connection, reason: str) -> NoReturn:
 def _pass_on(robot: Connection, peer: Peer, passed: dict[str, float]) -> None:
     """Tell the robot what others have learned, or why their tables are refused."""
     new = [(who, *told) for who, told in peer.taught().items() if told[1] >= passed.get(who, -inf) + PASSED]
-    for who, told, heard in new[:AT_ONCE]:
+    for who, told, heard in new[:TABLES_AT_ONCE]:
         passed[who] = heard
         try:
             robot.request("learned", who=who, learned=learned_of(told)._asdict(), age=peer.now - heard)
@@ -152,7 +152,7 @@ class ReportedGate:
 
     def answer(self, stop: str) -> StopAnswer:
         """Return the answer to a stop of this identity."""
-        if self._clock() / NS_PER_S - self._at > SILENCE:
+        if self._clock() / NS_PER_S - self._at > ROBOT_SILENCE:
             return StopAnswer(closed=False, why="its program is silent")
         if stop not in self.obeyed:
             return StopAnswer(closed=False, why="it has not obeyed yet")
@@ -165,7 +165,7 @@ class ReportedGate:
 def _stop(peer: Peer) -> str:
     """Return the progress of this robot's last stop of all, once there was time to answer; "" after a minute."""
     standing, age = peer.standing() or (Standing(), inf)
-    return str(standing) if age < SHOWN and (standing.complete or age > ANSWERED) else ""
+    return str(standing) if age < STOP_SHOWN and (standing.complete or age > ANSWERED) else ""
 
 
 def fitting(values: Iterable[T]) -> Iterator[T]:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 # m/s and rad/s up to which a robot counts as standing
 STILL: Final = (0.01, 0.02)
 # s after which an incomplete stop of all is reported as it stands
-EARLY: Final = 3.5
+REPORT_AFTER: Final = 3.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -239,7 +239,7 @@ async def _page(peer: "Peer", page: WebPage) -> None:
 def _stop_all(peer: "Peer", expected: list[str]) -> int:
     """Stop all robots and report which stand, which only closed their gates, which did not, and which are silent."""
     saying = peer.stop_all(expected)
-    saying.join(EARLY)
+    saying.join(REPORT_AFTER)
     if saying.is_alive():
         say(f"{_standing(peer)}; the stop is repeated for half a minute")
     saying.join()

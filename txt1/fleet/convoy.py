@@ -36,9 +36,9 @@ GAP: Final = 2.0 * DEFAULT_BODY.reach + SLACK
 # h, s; with k and tau below, the condition asks for 0.35 s, and late hearing for more
 HEADWAY: Final = 0.8
 # k, 1/s
-GAIN: Final = 0.8
+GAP_GAIN: Final = 0.8
 # m, of the pursuit
-LOOK_AHEAD: Final = 0.6
+PURSUIT_AHEAD: Final = 0.6
 # m between two points of the track
 TRACK_STEP: Final = 0.05
 # points of the track
@@ -52,7 +52,7 @@ RESERVE: Final = 0.6
 # the leader's smallest circle, in turning circles of the least agile car, and in circles as long as the line
 WIDER: Final = 1.1
 # m/s; a slower set-point counts as rest, as the motors' dead band makes slow driving uneven
-CREEP: Final = 0.08
+REST_SPEED: Final = 0.08
 
 
 class Leader:
@@ -139,13 +139,13 @@ class Follower:
         tail = hypot(ahead.x - track[-1][0], ahead.y - track[-1][1])
         self.spacing = left + along + tail
         self.gap = self._body.reach + ahead.body.reach + SLACK + self._body.centre - ahead.body.centre
-        v = ahead.v + GAIN * (self.spacing - self.gap - HEADWAY * max(me.v, 0.0))
+        v = ahead.v + GAP_GAIN * (self.spacing - self.gap - HEADWAY * max(me.v, 0.0))
         v = min(max(v, 0.0), CATCHING_UP * self._body.v_max)
-        if v < max(CREEP, self._body.least):
+        if v < max(REST_SPEED, self._body.least):
             return 0.0, 0.0
-        goal = next((p for p in track if hypot(p[0] - me.x, p[1] - me.y) >= LOOK_AHEAD), (ahead.x, ahead.y))
+        goal = next((p for p in track if hypot(p[0] - me.x, p[1] - me.y) >= PURSUIT_AHEAD), (ahead.x, ahead.y))
         alpha = wrap_angle(atan2(goal[1] - me.y, goal[0] - me.x) - me.theta)
-        curvature = 2.0 * sin(alpha) / max(hypot(goal[0] - me.x, goal[1] - me.y), LOOK_AHEAD)
+        curvature = 2.0 * sin(alpha) / max(hypot(goal[0] - me.x, goal[1] - me.y), PURSUIT_AHEAD)
         limit = 1.0 / self._body.radius
         return v, v * min(max(curvature, -limit), limit)
 

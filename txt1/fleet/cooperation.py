@@ -10,7 +10,7 @@ from txt1.driver import REFRESH
 from txt1.fleet.body import Body
 from txt1.fleet.guard import Room, TeamGuard
 from txt1.fleet.law import Law
-from txt1.fleet.radio import SILENCE, Medium, Pose, Said, placed
+from txt1.fleet.radio import ROBOT_SILENCE, Medium, Pose, Said, placed
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
 from txt1.sensors.readings import TrackerReading
@@ -58,7 +58,7 @@ class Cooperation:
         robot = self._robot
         async for _ in ticks:
             me = self.said()
-            heard = {name: one for name, one in self._medium.heard().items() if me.time - one.time <= SILENCE}
+            heard = {name: one for name, one in self._medium.heard().items() if me.time - one.time <= ROBOT_SILENCE}
             self._listen(", ".join(sorted(self.law.needs - heard.keys())))
             wanted = 0.0, 0.0
             if not self.silent and robot.armed:
@@ -74,7 +74,7 @@ class Cooperation:
             return
         self.silent = silent
         self._source.release()
-        self._robot.tell(f"cooperates no more: {silent} not heard for {SILENCE:g} s" if silent else "cooperates")
+        self._robot.tell(f"cooperates no more: {silent} not heard for {ROBOT_SILENCE:g} s" if silent else "cooperates")
 
     def _watch(self, me: Said, *, wants: bool) -> None:
         """Notice whether the robot moves while it wants to."""
@@ -92,12 +92,12 @@ class Cooperation:
 def pose_in_room(robot: Robot) -> Pose | None:
     """Return a robot's place in the room by motion capture, or the true pose in simulation; None if neither is known.
 
-    A pose of motion capture older than `SILENCE` is ignored. In simulation without motion capture the true pose
+    A pose of motion capture older than `ROBOT_SILENCE` is ignored. In simulation without motion capture the true pose
     replaces it.
     """
     for polled in robot.sensors.values():
         last = polled.last
-        if last is not None and isinstance(last.value, TrackerReading) and robot.now - last.time <= SILENCE:
+        if last is not None and isinstance(last.value, TrackerReading) and robot.now - last.time <= ROBOT_SILENCE:
             return last.value.x, last.value.y, last.value.theta
     return robot.pose
 

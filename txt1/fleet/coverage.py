@@ -24,20 +24,20 @@ from txt1.fleet.steering import NEAR_BORDER, Helmsman, inside
 # m, side of a square
 SQUARE: Final = 0.25
 # m from a robot's pose; squares within it are visited
-SEEN: Final = 0.5
+VISITED_RADIUS: Final = 0.5
 # of the top speed; 0.4 m/s for the TXT-1
 SPEED_SHARE: Final = 4.0 / 15.0
 # m added to the way to every target
-TURN: Final = 1.0
+TARGET_COST: Final = 1.0
 # m added to the way to a target behind the car
-BEHIND: Final = 2.0
+BEHIND_COST: Final = 2.0
 # m added to the way if the car has to make room first
-WITHIN: Final = 4.0
-REACHED: Final = 0.3  # m
+MAKE_ROOM_COST: Final = 4.0
+TARGET_REACHED: Final = 0.3  # m
 # largest number of steps for one target
 TARGET_STEPS: Final = 300
 # steps between two updates of the robots' places; a robot drives at most 0.1 m meanwhile
-LOOK: Final = 5
+PLACES_UPDATE_STEPS: Final = 5
 
 
 class Coverage:
@@ -58,7 +58,7 @@ class Coverage:
         self.data: tuple[float, ...] = ()
         self._room, self._speed, self._body = room, body.speed(SPEED_SHARE, speed), body
         corner = sqrt(2.0) * (body.reach + abs(body.centre) + WALL + NEAR_BORDER - 0.5 * SQUARE)
-        self._seen = max(SEEN, corner + 0.05)
+        self._seen = max(VISITED_RADIUS, corner + 0.05)
         xs, ys = (np.arange(-0.5 * side + 0.5 * SQUARE, 0.5 * side, SQUARE) for side in room)
         self._x, self._y = np.meshgrid(xs, ys, indexing="ij")
         self.visited: NDArray[np.float64] = np.full(self._x.shape, -np.inf)
@@ -80,11 +80,11 @@ class Coverage:
         """Drive towards the best square, at the speed that is allowed."""
         self._looked -= 1
         if self._looked < 0:
-            self._looked = LOOK - 1
+            self._looked = PLACES_UPDATE_STEPS - 1
             for one in (me, *heard.values()):
                 self._visit(one, me.time)
         goal = self._goal
-        if goal is None or hypot(goal[0] - me.x, goal[1] - me.y) < REACHED or self._steps > TARGET_STEPS:
+        if goal is None or hypot(goal[0] - me.x, goal[1] - me.y) < TARGET_REACHED or self._steps > TARGET_STEPS:
             if goal is not None:
                 self._tried[self._square] = me.time
             goal, self._steps = self._choose(me, heard), 0
@@ -107,7 +107,7 @@ class Coverage:
         ahead, side = dx * cos(me.theta) + dy * sin(me.theta), dy * cos(me.theta) - dx * sin(me.theta)
         # within a turning circle, so no single arc leads there
         within = way * way < 2.0 * self._body.radius * abs(side)
-        worth = age / (way + TURN + BEHIND * (ahead < 0.0) + WITHIN * within)
+        worth = age / (way + TARGET_COST + BEHIND_COST * (ahead < 0.0) + MAKE_ROOM_COST * within)
         for other in heard.values():
             worth[np.hypot(self._x - other.x, self._y - other.y) < way] *= 0.3
         self._square = best = tuple(map(int, np.unravel_index(int(worth.argmax()), worth.shape)))

@@ -14,7 +14,7 @@ from txt1.fleet.cooperation import Cooperation, body_of, pose_in_room, see_simul
 from txt1.fleet.law import make_law
 from txt1.fleet.members import FLEET, FLEET_STOP, NEW, Member, member_of
 from txt1.fleet.radio import Said
-from txt1.fleet.shared_knowledge import FORGET, LEARNED, TOLD, learned_of
+from txt1.fleet.shared_knowledge import ALL_TOLD, FORGET, LEARNED, learned_of
 from txt1.learning.agent import Learned
 from txt1.robot import Robot
 from txt1.telemetry.topics import Rule, Topic, declare
@@ -41,7 +41,7 @@ STOPS: Final[Topic[tuple[str, ...]]] = declare(
 # stops of all that are remembered; an older stop would be obeyed again if it were repeated
 STOPS_MAX: Final = 20
 # s without a message of the bridge after which the fleet counts as not reached
-QUIET: Final = 1.0
+BRIDGE_SILENCE: Final = 1.0
 
 
 class FleetLink:
@@ -101,7 +101,7 @@ class FleetLink:
         """Stop this robot at once, and the others of the fleet; the event log then names the robots that stopped."""
         self._robot.stop()
         self._robot.runtime.bus.publish(ORDER, "stop", self._robot.now)
-        if asyncio.get_running_loop().time() - self._took > QUIET:
+        if asyncio.get_running_loop().time() - self._took > BRIDGE_SILENCE:
             self._robot.tell(
                 "the fleet is not reached: only this robot was stopped; stop the other robots in another way"
             )
@@ -124,11 +124,11 @@ class FleetLink:
         return {who: learned for who, (learned, time) in self._taught.items() if time >= since}
 
     async def joined(self) -> None:
-        """Wait until the others have had time to send what they have learned, at most `BRIDGE_PATIENCE` and `TOLD`."""
+        """Wait until the others could send what they have learned, at most `BRIDGE_PATIENCE` and `ALL_TOLD`."""
         with suppress(TimeoutError):
             async with asyncio.timeout(BRIDGE_PATIENCE):
                 await self._joined.wait()
-                await asyncio.sleep(TOLD)
+                await asyncio.sleep(ALL_TOLD)
 
     # -- requests of the bridge ------------------------------------------------------------------------------------
 

@@ -18,11 +18,11 @@ MESSAGE_SIZE: Final = 1 << 15
 # longest name of a robot or a console
 MEMBER_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")
 # largest number: m, rad, m/s, rad/s, V
-LARGEST: Final = 1e6
+NUMBER_MAX: Final = 1e6
 # numbers of a law
 DATA_MAX: Final = 16
 # largest length and speed of a car: m, m/s, rad/s
-SIZE_MAX: Final = 100.0
+CAR_SIZE_MAX: Final = 100.0
 # letters of a reason; the rest of a longer reason is cut off
 TEXT_MAX: Final = 100
 # longest time on a clock, ns
@@ -108,7 +108,7 @@ def body_of(told: object) -> Body:
         return DEFAULT_BODY
     radius, v_max, reach = (_size(told, name) for name in ("radius", "v_max", "reach"))
     centre, least = number(told, "centre"), number(told, "least")
-    if not (abs(centre) <= SIZE_MAX and 0.0 <= least <= v_max):
+    if not (abs(centre) <= CAR_SIZE_MAX and 0.0 <= least <= v_max):
         raise ValueError("body: centre or least is out of range")
     return Body(radius, v_max, reach, centre, least, told.get("pivots") is True)
 
@@ -124,8 +124,8 @@ def hand_of(told: object) -> Hand:
 def _size(message: Mapping[str, Any], name: str) -> float:
     """Return a length or speed of a car."""
     value = number(message, name)
-    if not 0.0 < value <= SIZE_MAX:
-        raise ValueError(f"{name}: it is not between 0 and {SIZE_MAX:g}")
+    if not 0.0 < value <= CAR_SIZE_MAX:
+        raise ValueError(f"{name}: it is not between 0 and {CAR_SIZE_MAX:g}")
     return value
 
 
@@ -155,12 +155,12 @@ def time_of(message: Mapping[str, Any], name: str) -> int:
 
 
 def number(message: Mapping[str, Any], name: str) -> float:
-    """Return a field that is a finite number within `LARGEST`."""
+    """Return a field that is a finite number within `NUMBER_MAX`."""
     value = message.get(name)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"{name}: it is no number")
-    if not abs(value) <= LARGEST or not isfinite(value):
-        raise ValueError(f"{name}: it is not finite, or beyond {LARGEST:g}")
+    if not abs(value) <= NUMBER_MAX or not isfinite(value):
+        raise ValueError(f"{name}: it is not finite, or beyond {NUMBER_MAX:g}")
     return float(value)
 
 

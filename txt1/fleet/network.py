@@ -69,14 +69,14 @@ from txt1.fleet.messages import (
     stop_of,
     time_of,
 )
-from txt1.fleet.radio import SILENCE, Said
+from txt1.fleet.radio import ROBOT_SILENCE, Said
 from txt1.fleet.stopping import Standing, StopOfAll
 from txt1.kernel.clock import NS_PER_S, Clock, RealClock, nanoseconds, wall_ns
 
 # ports on loopback; each peer takes the first free port
 PORTS: Final = range(7450, 7482)
 # ms; a peer on loopback that does not answer in this time is skipped, as Zenoh's 10 s would hold up a stop
-HUNG: Final = 300
+OPEN_TIME_OUT_MS: Final = 300
 # s between two repetitions of a stop
 REPEAT: Final = 0.02
 # s for which a stop is repeated after all have answered
@@ -84,7 +84,7 @@ LONGER: Final = 1.0
 # s after which a stop no longer waits for an answer
 STOP_FOR: Final = 30.0
 # s after the last gate has closed; a robot that was not seen to stand by then is given up
-SETTLED: Final = 5.0
+STAND_PATIENCE: Final = 5.0
 # s after which a stop that some robot has not answered is also said through a new session
 UNANSWERED: Final = 1.0
 # s after which that session is replaced by another one, if the stop is still not answered
@@ -92,15 +92,15 @@ ANEW: Final = 5.0
 # s after which a stop ends if no robot is heard
 ALONE: Final = 3.0
 # s; a robot that was heard within this time is expected to answer a stop
-RECENT: Final = 30.0
+HEARD_LATELY: Final = 30.0
 # s between two pings
-PING: Final = 1.0
+PING_PERIOD: Final = 1.0
 # s between two pings while a clock is not known
 PING_LEAST: Final = 0.05
 # kept for each peer; the fastest counts
 PINGS: Final = 10
 # s; a peer that joins looks this long whether its name is taken
-LOOK: Final = 0.6
+NAME_CHECK_TIME: Final = 0.6
 # s; a namesake that has been in the fleet longer by more than this was certainly there first
 EARLIER: Final = 0.5
 # s; a namesake that is younger by up to this much may have been first: then the IDs decide
@@ -108,7 +108,7 @@ AS_EARLY: Final = 1.5
 # s; longer times in the fleet are sent as this
 UP_MAX: Final = 1e5
 # s by which a command may seem to come from the future, as clocks drift between two pings
-AHEAD: Final = 0.01
+FUTURE_MAX: Final = 0.01
 # s after which the answer to a ping is ignored
 PING_MAX: Final = 10.0
 # number of this peer's last stops that are recognised when they come back
@@ -170,7 +170,7 @@ def configuration(interface: str = "", key: FleetKey | None = None, dictionary: 
     if not interface:
         settings["connect/endpoints"] = [f"tcp/127.0.0.1:{port}" for port in PORTS]
         # a peer that joins tries one port after the other
-        settings["transport/unicast/open_timeout"] = HUNG
+        settings["transport/unicast/open_timeout"] = OPEN_TIME_OUT_MS
     else:
         assert key is not None
         password = {"user": key.fleet, "password": key.password, "dictionary_file": dictionary}
@@ -360,7 +360,7 @@ class Peer:
 
     def _expect(self, stop: StopOfAll) -> None:
         now, others = self.now, self._others.items()
-        stop.expect(name for name, one in others if one.alive or 0.0 < now - one.heard < RECENT)
+        stop.expect(name for name, one in others if one.alive or 0.0 < now - one.heard < HEARD_LATELY)
 
     def _see_stop(self, stop: StopOfAll) -> None:
         """Have other threads say a stop until all have stopped; through new sessions, too, if that takes long.
@@ -388,7 +388,7 @@ class Peer:
                 alone = standing == Standing() and now > stop.began + ALONE
                 complete = (complete or now) if standing.complete else 0.0
                 closed = (closed or now) if standing.closed else 0.0
-                done = (complete and now > complete + LONGER) or (closed and now > closed + SETTLED)
+                done = (complete and now > complete + LONGER) or (closed and now > closed + STAND_PATIENCE)
                 if alone or done or self._closing.wait(REPEAT):
                     return
         finally:
@@ -558,7 +558,7 @@ class Peer:
     def _take_drive(self, message: dict[str, Any]) -> None:
         v, omega = drive_of(message)
         given = time_of(message, "given") / NS_PER_S
-        if given > self.now + AHEAD:
+        if given > self.now + FUTURE_MAX:
             raise ValueError("given: that is in the future of this computer's clock")
         self._hooks.drive(message["from"], v, omega, given)
 
@@ -590,7 +590,7 @@ class Peer:
     def _ping_all(self) -> None:
         """Ping all living peers once a second, and sooner while a clock is not known."""
         while not self._closing.wait(PING_LEAST):
-            self._unmeasured.wait(PING - PING_LEAST)
+            self._unmeasured.wait(PING_PERIOD - PING_LEAST)
             self._unmeasured.clear()
             with self._lock:
                 names = [name for name, other in self._others.items() if other.alive]
@@ -621,7 +621,7 @@ class Peer:
         """Take the name, unless a peer with a smaller ID has it already."""
         where = f"alive/{self.name}/{self.id}"
         token = self._session.liveliness().declare_token(f"{self._space}/{where}-{self._key.signature(where, b'')}")
-        ends = self.now + LOOK
+        ends = self.now + NAME_CHECK_TIME
         while self.now < ends:
             for reply in self._session.liveliness().get(f"{self._space}/alive/{self.name}/*", timeout=0.2):
                 other = "" if reply.ok is None else str(reply.ok.key_expr).split("/")[-1]
@@ -676,7 +676,7 @@ def _free(port: int) -> bool:
 def _member(name: str, other: _Other, now: float) -> Member:
     offset = min(other.pings)[1] if other.pings else None
     age = now - other.heard
-    alive = other.alive and age < 10.0 * SILENCE
+    alive = other.alive and age < 10.0 * ROBOT_SILENCE
     state = other.state
     if state is None:
         return Member(name, armed=False, age=age, offset=offset, alive=alive)

@@ -27,7 +27,7 @@ FLEET_PAGE_RATE: Final = 20.0
 # requests without a meaning here
 QUIET: Final = ("", "subscribe", "request", "halt")
 # s after a command during which a robot that "fleet" drives counts as driven from this page
-HELD: Final = 0.5
+DROVE_LATELY: Final = 0.5
 
 
 class Network:
@@ -88,7 +88,7 @@ class Network:
         """Return a robot that this page drives as driven by "web"; a robot driven by another console stays at
         "fleet".
         """
-        ours = one.driver == "fleet" and self._peer.now - self._drove.get(one.name, -inf) < HELD
+        ours = one.driver == "fleet" and self._peer.now - self._drove.get(one.name, -inf) < DROVE_LATELY
         return one._replace(driver="web") if ours else one
 
     def _beat(self) -> None:

@@ -28,7 +28,7 @@ from txt1.file_limits import read_text
 from txt1.safe_yaml import read_yaml
 
 # m between two robots without a start of their own
-APART: Final = 1.5
+START_SPACING: Final = 1.5
 
 RobotName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
@@ -64,7 +64,7 @@ class FleetPlan(Section):
     def configs(self, base: Config) -> dict[str, Config]:
         """Return each robot's configuration; raises ConfigError, which names the robot."""
         room = base.sim.room
-        side = APART * (ceil(sqrt(len(self.robots))) + 1)
+        side = START_SPACING * (ceil(sqrt(len(self.robots))) + 1)
         if any(member.start is None for member in self.robots.values()):
             wider = {"sim.room.length": max(room.length, side), "sim.room.width": max(room.width, side)}
             base = with_values(base, wider)
@@ -115,7 +115,7 @@ def places(count: int) -> Iterator[tuple[float, float, float]]:
     rows = ceil(count / columns)
     for number in range(count):
         row, column = divmod(number, columns)
-        yield APART * (column - 0.5 * (columns - 1)), APART * (row - 0.5 * (rows - 1)), 0.0
+        yield START_SPACING * (column - 0.5 * (columns - 1)), START_SPACING * (row - 0.5 * (rows - 1)), 0.0
 
 
 def names(count: int) -> list[str]:

@@ -14,7 +14,7 @@ from numpy.random import Generator
 from txt1.fleet.body import DEFAULT_BODY, Body
 
 # s without a message after which a robot is silent
-SILENCE: Final = 0.5
+ROBOT_SILENCE: Final = 0.5
 
 Pose = tuple[float, float, float]
 

@@ -34,7 +34,7 @@ from math import atan2, cos, hypot, isfinite, pi, sin
 from typing import Final
 
 from txt1.fleet.body import DEFAULT_BODY, Body
-from txt1.fleet.guard import MARGIN
+from txt1.fleet.guard import ROBOT_MARGIN
 from txt1.fleet.radio import Said
 from txt1.fleet.steering import Helmsman, inside
 from txt1.model.kinematics import wrap_angle
@@ -42,27 +42,27 @@ from txt1.model.kinematics import wrap_angle
 # m of room that a passing car has between two standing cars
 PASSING: Final = 0.48
 # m between two slots of TXT-1s
-SPACING: Final = 4.0 * DEFAULT_BODY.reach + 2.0 * MARGIN + PASSING
+SPACING: Final = 4.0 * DEFAULT_BODY.reach + 2.0 * ROBOT_MARGIN + PASSING
 # of the slots' distance: how far outside or inside the slots the lanes are
-ROUND: Final = 0.55
+LANE_SHARE: Final = 0.55
 # of the fastest; the TXT-1's 0.3 m/s
 SPEED_SHARE: Final = 0.2
 # numbers in each robot's message
-TOLD: Final = 6
+MESSAGE_NUMBERS: Final = 6
 # m beyond the circle of the slots at which a car changes from one lane to the other
 LANES: Final = 0.1
 # m from that circle; other cars that stand within it are beside the car
-GAP: Final = 0.5
+CIRCLE_WIDTH: Final = 0.5
 # m by which the way to the slot has to become shorter ...
 PROGRESS: Final = 0.05
 # ... within this many steps
 SLOT_STEPS: Final = 400
 # m from the middle; from within it every slot is straight ahead
-NEAR: Final = 0.3
+MIDDLE_SHARE: Final = 0.3
 # rad from the slot's direction within which a car drives in
 SECTOR: Final = 0.35
 # rad by which the car aims ahead on that circle
-AHEAD: Final = 0.6
+AIM_AHEAD: Final = 0.6
 # m from the slot
 ARRIVED: Final = 0.1
 
@@ -143,11 +143,13 @@ class Rendezvous:
     @property
     def spacing(self) -> float:
         """Distance between two slots, m."""
-        return self._given or 4.0 * self._largest + 2.0 * MARGIN + PASSING
+        return self._given or 4.0 * self._largest + 2.0 * ROBOT_MARGIN + PASSING
 
     def step(self, me: Said, heard: Mapping[str, Said], light: tuple[float, float] | None) -> tuple[float, float]:
         """Make a step of consensus, and drive towards the slot."""
-        told = {name: one.data for name, one in heard.items() if name in self._team and len(one.data) == TOLD}
+        told = {
+            name: one.data for name, one in heard.items() if name in self._team and len(one.data) == MESSAGE_NUMBERS
+        }
         self.middle = agree(self.middle or (me.x, me.y), ((data[0], data[1]) for data in told.values()), self._count)
         self._largest = max(self._largest, *(min(data[5], REACH_MAX) for data in told.values()), 0.0)
         self._claims.update(told)
@@ -195,17 +197,17 @@ class Rendezvous:
     def _around(self, me: Said, x: float, y: float) -> Point:
         """The slot at (x, y) itself, or the next point on the lane before it, inside or outside of all slots; m."""
         middle_x, middle_y = self._among_walls()
-        beside = ROUND * self.spacing
+        beside = LANE_SHARE * self.spacing
         radius, from_middle = hypot(x - middle_x, y - middle_y), hypot(me.x - middle_x, me.y - middle_y)
         self._inside = from_middle < radius + (LANES if self._inside else -LANES)
         lane = max(radius - beside, 0.0) if self._inside else radius + beside
         mine = atan2(me.y - middle_y, me.x - middle_x)
         turn = wrap_angle(atan2(y - middle_y, x - middle_x) - mine)
         wider = 2.0 if self._enters else 1.0
-        self._enters = abs(turn) < wider * SECTOR or from_middle < wider * NEAR
+        self._enters = abs(turn) < wider * SECTOR or from_middle < wider * MIDDLE_SHARE
         if self._enters:
             return x, y
         # between two slots: out of there first
-        ahead = 0.0 if abs(from_middle - radius) < GAP else AHEAD
+        ahead = 0.0 if abs(from_middle - radius) < CIRCLE_WIDTH else AIM_AHEAD
         angle = mine + min(max(turn, -ahead), ahead)
         return middle_x + lane * cos(angle), middle_y + lane * sin(angle)

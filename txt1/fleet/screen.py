@@ -12,9 +12,9 @@ from txt1.ui.text import BAD, GOOD, LABEL, Column, clean, duration, number, prin
 from txt1.ui.viewer import Viewer
 
 # cells of the frame and beside it
-FRAME: Final = 4
+FRAME_CELLS: Final = 4
 # cells between two columns
-GAP: Final = 2
+COLUMN_GAP: Final = 2
 # cells of a state, as long as there are columns to do without
 STATE_LEAST: Final = 16
 # these, in this order
@@ -68,14 +68,14 @@ def _table(members: Sequence[Member], width: int, rows: int) -> RenderableType:
         columns = tuple(column for column in columns if column.heading != heading)
     left = max(1, _left(columns, lines, width))
     told = tuple(tuple(_cell(line, column.heading, left) for column in columns) for line in lines)
-    return table(f"FLEET of {len(members)}", columns, told, gap=GAP)
+    return table(f"FLEET of {len(members)}", columns, told, gap=COLUMN_GAP)
 
 
 def _left(columns: Sequence[Column], lines: Sequence[RobotLine], width: int) -> int:
     """Cells that the other columns leave to the states."""
     others = [column.heading for column in columns if column.heading != "state"]
     taken = (max(len(heading), *(len(line.cells[heading]) for line in lines)) for heading in others)
-    return width - FRAME - GAP * len(others) - sum(taken)
+    return width - FRAME_CELLS - COLUMN_GAP * len(others) - sum(taken)
 
 
 def _cell(line: RobotLine, heading: str, left: int) -> str:

@@ -15,11 +15,11 @@ NUMBERS_MAX: Final = 512
 # of visits and episodes
 COUNT_MAX: Final = 10**9
 # of a number
-LARGEST: Final = 1e9
+KNOWLEDGE_NUMBER_MAX: Final = 1e9
 # letters
 NAME_MAX: Final = 40
 # s in which every robot has told its rows at least once
-TOLD: Final = 1.5
+ALL_TOLD: Final = 1.5
 # s without a message after which a robot is lost; rows are told once a second
 FORGET: Final = 5.0
 
@@ -48,6 +48,6 @@ def learned_of(told: Mapping[str, Any]) -> Learned:
             raise ValueError(f"counts {str(count)[:NAME_MAX]} visits or episodes")
     for place, row in enumerate(rows):
         for number in row:
-            if not (isfinite(number) and abs(number) <= LARGEST):
+            if not (isfinite(number) and abs(number) <= KNOWLEDGE_NUMBER_MAX):
                 raise ValueError(f"has the number {number:g} in row {place}")
     return Learned(learner, episodes, visits, rows)

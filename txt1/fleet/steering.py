@@ -18,7 +18,7 @@ from txt1.model.kinematics import wrap_angle
 # steps without motion after which a car is blocked
 BLOCKED: Final = 20
 # m/s, and rad/s: slower is no motion
-STILL: Final = 0.03
+NO_MOTION: Final = 0.03
 # m; largest distance of the other point along x and along y
 DETOUR: Final = 3.0
 # m from where the guard stops a car; within it, only a car along the wall moves on
@@ -94,7 +94,7 @@ class Helmsman:
         left, out_v, out_omega = self._out
         if left > 0:
             v, omega, self._out = out_v, out_omega, (left - 1, out_v, out_omega)
-        self._still = self._still + 1 if max(abs(me.v), abs(me.omega)) < STILL else 0
+        self._still = self._still + 1 if max(abs(me.v), abs(me.omega)) < NO_MOTION else 0
         if self._still > BLOCKED:
             self.detour(me, v)
         return v, omega

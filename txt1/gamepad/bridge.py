@@ -18,7 +18,7 @@ from txt1.sidecar import Connection
 # s between two readings
 PAD_PERIOD: Final = 0.02
 # SDL's number for a full deflection
-FULL: Final = 32767.0
+AXIS_FULL: Final = 32767.0
 
 _clock: Final = RealClock()
 
@@ -102,7 +102,7 @@ class Devices:
 
     def _read(self, pad: Any) -> PadState:
         down = frozenset(name for number, name in enumerate(BUTTONS) if pad.get_button(number))
-        return PadState(down, {name: max(-1.0, pad.get_axis(number) / FULL) for number, name in enumerate(AXES)})
+        return PadState(down, {name: max(-1.0, pad.get_axis(number) / AXIS_FULL) for number, name in enumerate(AXES)})
 
 
 def main(robot: Connection, hand: Mapping[str, Any] | None = None, **parameters: Any) -> None:

@@ -26,7 +26,7 @@ from txt1.errors import NotCapable
 from txt1.hal.base import Button, Capabilities, Hal, Indicators, Inputs, Outputs, lacking
 from txt1.link.base import Port
 from txt1.link.outages import Outage, OutagePort
-from txt1.link.silence import LONGEST
+from txt1.link.silence import LONGEST_PAUSE
 from txt1.model.kinematics import wrap_angle
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import PWM_MAX, outputs_of
@@ -61,17 +61,17 @@ CUT: Final = 4.0
 # s within which a loss is reported
 NOTICED: Final = 1.0
 # factor by which two paths from the same counts may differ
-ALIKE: Final = 1.5
+PATHS_ALIKE: Final = 1.5
 # m or rad between two readings that no motion at 0.5 m/s explains, however late a reading is
 LEAP: Final = 0.4
 
 
 # s from opening to an outage
-BEGINS: Final = 6.0
+OUTAGE_BEGINS: Final = 6.0
 # texts about one outage: lost, connected again, who might be there, found
 TEXTS: Final = 8
 # s within which a HAL can drive again when its device is back: the longest pause, and the time to settle
-BACK: Final = LONGEST + 10.0
+BACK: Final = LONGEST_PAUSE + 10.0
 
 
 def in_an_outage(
@@ -84,10 +84,10 @@ def in_an_outage(
 
         @wraps(test)
         def out(self: Any) -> None:
-            hal = self.behind(lambda port: OutagePort(port, outage, BEGINS, lasts))
+            hal = self.behind(lambda port: OutagePort(port, outage, OUTAGE_BEGINS, lasts))
             if hal is None:
                 raise SkipTest("override HalConformance.behind to try outages, where there is a port")
-            self.part, self.ends = hal, BEGINS + lasts
+            self.part, self.ends = hal, OUTAGE_BEGINS + lasts
             tested(self)
 
         return out
@@ -323,7 +323,9 @@ class HalConformance(Conformance[Hal]):
             self.follows(outputs, after)
             paths.append(_rolled(before, after) or (0, 0))
         (right, left), (turning_right, turning_left) = paths
-        alike = all(0 < b / ALIKE < a < b * ALIKE for a, b in ((turning_right, right), (-turning_left, left)))
+        alike = all(
+            0 < b / PATHS_ALIKE < a < b * PATHS_ALIKE for a, b in ((turning_right, right), (-turning_left, left))
+        )
         given = f"motor {FORWARD.motor} rolls them by {paths[0]} ticks and rear {PIVOT.rear} by {paths[1]}"
         promise(alike, "Outputs.rear", f"drives the sides as txt1.model.vehicle.sides says, but {given}")
 
@@ -446,10 +448,10 @@ class HalConformance(Conformance[Hal]):
         """Check that a device in an outage is lost, told a few times at most, found again and driven again."""
         texts: list[str] = []
         losses = 0
-        while self.now < BEGINS:
+        while self.now < OUTAGE_BEGINS:
             # it drives when the outage begins, and is not yet at a wall
-            await self.hold(FORWARD if self.now > BEGINS - self.drive else NEUTRAL, CALL_PERIOD)
-        while self.now < max(self.ends, BEGINS + NOTICED) or not self.is_ready():
+            await self.hold(FORWARD if self.now > OUTAGE_BEGINS - self.drive else NEUTRAL, CALL_PERIOD)
+        while self.now < max(self.ends, OUTAGE_BEGINS + NOTICED) or not self.is_ready():
             link = (await self.hold(NEUTRAL, CALL_PERIOD)).link
             if link is not None:
                 texts += [link.text] if link.text not in texts[-1:] else []

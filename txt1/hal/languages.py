@@ -20,7 +20,7 @@ LANGUAGES: Final = Registry("language", "txt1.languages", {"serial": "txt1.hal.l
 # s within which a device has to answer
 LISTENED: Final = 0.8
 # bytes that are enough to recognise a language
-KEPT: Final = 4096
+RECOGNITION_BYTES: Final = 4096
 Opens = Callable[["Language"], Port]
 """Makes a port with a language's baud rate."""
 
@@ -85,7 +85,7 @@ class Asker:
 
     def received(self, data: bytes) -> None:
         """Keep the bytes."""
-        self._heard = (self._heard + data)[-KEPT:]
+        self._heard = (self._heard + data)[-RECOGNITION_BYTES:]
 
     def lost(self, reason: str) -> None:
         """Do nothing: the device does not answer."""

@@ -17,9 +17,9 @@ from txt1.link.base import End, Link, Port
 from txt1.link.silence import Watched
 
 # s without an answer after which a motor controller is lost
-LOST: Final = 0.3
+ANSWER_SILENCE: Final = 0.3
 # s of answers before the first set-point
-SETTLED: Final = 0.5
+ANSWERS_SETTLED: Final = 0.5
 # s of silence after which the port is opened again: longer than the silence of boards whose host clears their loops
 LINE_PATIENCE: Final = 6.0
 # s of silence or unknown bytes after which the line is examined, and the number of bytes examined
@@ -39,7 +39,7 @@ class Line:
         awaited: the device's answers in words, such as "odometry".
         greet: called when the line is new.
         take: called with the received bytes; it calls `heard` for every intact answer.
-        lost: s without an answer after which the device is lost; None: LOST.
+        lost: s without an answer after which the device is lost; None: ANSWER_SILENCE.
         settled: s of answers before the first set-point.
         forget: called when the device was lost or has restarted.
         hal: the HAL of the device; if another device answers, that is reported.
@@ -54,7 +54,7 @@ class Line:
         greet: Callable[[], None],
         take: Callable[[bytes], None],
         lost: float | None = None,
-        settled: float = SETTLED,
+        settled: float = ANSWERS_SETTLED,
         forget: Callable[[], None] = lambda: None,
         hal: str = "",
     ) -> None:
@@ -66,7 +66,7 @@ class Line:
         # the loop's
         self.time: Callable[[], float] = lambda: 0.0
         self._awaited, self._greet, self._take = awaited, greet, take
-        self._lost, self._settled, self._forget = LOST if lost is None else lost, settled, forget
+        self._lost, self._settled, self._forget = ANSWER_SILENCE if lost is None else lost, settled, forget
         self._hal = hal
         self._strange: bytes | None = b""
         """Bytes since the connection that were no answer; None: the language was reported."""

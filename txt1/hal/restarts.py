@@ -15,9 +15,9 @@ So the motion between two poses may have lasted longer than dt, by up to JUMP_TI
 
    The speed is the larger of the two that were reported. JUMP_SPEED and JUMP_ANGLE allow for a speed in between.
 2. **Exactly 0, 0, 0, and at rest.** A board begins with this pose. A vehicle reaches it by driving only from close by:
-within NEAR, the rounding, or as far as its speed carries it in dt and the period of its loops, AT_ONCE. Otherwise,
+within ROUNDING, the rounding, or as far as its speed carries it in dt and the period of its loops, AT_ONCE. Otherwise,
 
-       hypot(x0, y0) > |v0| (dt + AT_ONCE) + NEAR       or       |theta0| > |omega0| (dt + AT_ONCE) + NEAR,
+       hypot(x0, y0) > |v0| (dt + AT_ONCE) + ROUNDING       or       |theta0| > |omega0| (dt + AT_ONCE) + ROUNDING,
 
    it has restarted. This is much narrower than the first rule: it tells also of a board that had driven half a metre.
 3. **Exactly 0, 0, 0 after a gap** of PAUSE or more may mean a restart. A vehicle that never left the origin shows no
@@ -41,7 +41,7 @@ JUMP_SPEED: Final = 0.3  # m/s
 JUMP_ANGLE: Final = 1.5  # rad
 AT_ONCE: Final = 0.1  # s
 # m, and rad
-NEAR: Final = 0.003
+ROUNDING: Final = 0.003
 PAUSE: Final = 0.205  # s
 STARTS_AGAIN: Final = (0.3, 0.5)
 # V: below this level a pack is not connected, and its level means nothing
@@ -60,8 +60,8 @@ def restarted(before: EncoderOdometry, after: EncoderOdometry, dt: float) -> str
 def jumped(before: EncoderOdometry, after: EncoderOdometry, dt: float) -> bool:
     """Return whether no motion leads from one pose to the other within dt s of arrival (rules 1 and 2)."""
     if at_origin(after):
-        near = hypot(before.x, before.y) <= abs(before.v) * (dt + AT_ONCE) + NEAR
-        straight = abs(wrap_angle(before.theta)) <= abs(before.omega) * (dt + AT_ONCE) + NEAR
+        near = hypot(before.x, before.y) <= abs(before.v) * (dt + AT_ONCE) + ROUNDING
+        straight = abs(wrap_angle(before.theta)) <= abs(before.omega) * (dt + AT_ONCE) + ROUNDING
         return not (near and straight)
     reach = (max(abs(before.v), abs(after.v)) + JUMP_SPEED) * (dt + JUMP_TIME)
     turn = max(abs(before.omega), abs(after.omega)) * (dt + JUMP_TIME) + JUMP_ANGLE

@@ -8,8 +8,8 @@ loses bytes, delays them or is cut, and no message reports a loss. So almost eve
 value is valid for a short time only.
 
 *Receiving.* Bytes go from the line (`txt1.hal.line`) to the receiver, which finds messages in them. Odometry comes 20
-times a second. It is the board's sign of life: silent for LOST, the board is gone. Battery levels come once a second,
-and an answer comes to each PID set.
+times a second. It is the board's sign of life: silent for BOARD_LOST, the board is gone. Battery levels come once a
+second, and an answer comes to each PID set.
 
 *Sending.* `write` is called at every tick, 50 times a second, and sends what is due: Velocity 20 times a second, at
 once on a stop, and at every tick while the line loses frames. Servo positions and "ESC off" are sent once a second, as
@@ -18,8 +18,8 @@ once a second until the board acknowledges them (`txt1.hal.acknowledged_gains`).
 of the ATX supply are sent only once: a command that can move the robot is not repeated.
 
 *When the board has been away.* It may have restarted, and then it has no gains. `txt1.hal.restarts` recognises a
-restart. Each loss disarms the robot. A board that was found again gets zeros until it has SETTLED, and until it has
-acknowledged its gains.
+restart. Each loss disarms the robot. A board that was found again gets zeros until it has ODOMETRY_SETTLED, and until
+it has acknowledged its gains.
 
 *When the ESC was off.* The board's loops are in velocity form: their output stays wound up as long as zeros come, and
 with the ESC back the vehicle would lurch. Only silence clears the loops, by the board's own link rule. So before the
@@ -70,19 +70,19 @@ SEND_PERIOD: Final = 0.05
 # shortest s between two combined odometry messages: more would crowd the line
 COMBINED_PERIOD: Final = 0.02
 # s of age at which odometry means that the board is lost: noticed within 0.5 s, including the wait for the next tick
-LOST: Final = 0.45
+BOARD_LOST: Final = 0.45
 # s of odometry before the first set-point. Boards judge the link once a second; by then they have found it alive, and
 # the first step of their loops, which takes the whole outage for its period, has had a set-point of 0.
-SETTLED: Final = 1.2
+ODOMETRY_SETTLED: Final = 1.2
 # s between two odometry messages (20 Hz) that mean a lost message
-LATE: Final = 0.08
+LOST_MESSAGE_GAP: Final = 0.08
 # s for which a line that lost a frame gets Velocity at every tick, so that the board's time-out sees enough
 LOSSY: Final = 5.0
 # s after which servos and an ESC that is off are sent again: nothing else mends a lost frame, or a restart. No switch
 # is ever turned on again, and the ATX supply is never switched twice.
 REPEAT_PERIOD: Final = 1.0
 # s between two odometry messages after which a line has stalled: what was sent may still be on its way
-PAUSE: Final = 0.2
+STALL_GAP: Final = 0.2
 # s of silence that no board notices: its link rule counts the messages of a second
 ALIVE: Final = 0.8
 # s of zeros before the board's loops are cleared: the set-point is then 0 even if the line loses a frame
@@ -122,7 +122,17 @@ class SerialHal(PlainHal):
     ) -> None:
         self.port = port
         self.receiver = Receiver(Role.HOST, self._take)
-        self.line = Line(port, wrap, "odometry", self._greet, self.receiver.feed, LOST, SETTLED, self._forget, "serial")
+        self.line = Line(
+            port,
+            wrap,
+            "odometry",
+            self._greet,
+            self.receiver.feed,
+            BOARD_LOST,
+            ODOMETRY_SETTLED,
+            self._forget,
+            "serial",
+        )
         on_board = control == "board"
         self._passes_pwm = by_hand and on_board
         self.capabilities = (ByHand if self._passes_pwm else Capabilities)(
@@ -214,14 +224,14 @@ class SerialHal(PlainHal):
     def _take_odometry(self, pose: EncoderOdometry) -> None:
         time = self.line.time()
         since = time - self.line.last
-        if since > LOST:
+        if since > BOARD_LOST:
             self.line.down(f"link lost: no odometry for {since:.2f} s")
         elif reason := restarted(self._pose, pose, since):
             self.line.down(reason)
-        if LATE < since <= LOST:
+        if LOST_MESSAGE_GAP < since <= BOARD_LOST:
             self._lost_frames += round(since / SEND_PERIOD) - 1
             self._lossy_until = time + LOSSY
-        if self._clearing and since > PAUSE and self.line.run_time(self.line.last) < self._clearing_since + ALIVE:
+        if self._clearing and since > STALL_GAP and self.line.run_time(self.line.last) < self._clearing_since + ALIVE:
             # zeros from before the silence may have come only now
             self._clearing_since = max(self._clearing_since, self.line.run_time(time))
         if self.line.heard():
@@ -255,7 +265,7 @@ class SerialHal(PlainHal):
             self._servos = PwmCommand(outputs.pwm4, outputs.pwm5)
             self._repeat_due = -inf
         if self._clearing and now >= self._clearing_since + ESC_SILENCE + ESC_ZEROS:
-            if self.line.time() - self.line.last > PAUSE:
+            if self.line.time() - self.line.last > STALL_GAP:
                 self._clearing_since = now
             else:
                 self._end_clearing()

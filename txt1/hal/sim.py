@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 NO_BUTTON: Final = Button.NONE
 NEUTRAL: Final = Outputs()
 # m; less room than this counts as none
-TOUCH: Final = 0.02
+NO_ROOM: Final = 0.02
 # the simulated potentiometer stays where it is
 BACKLIGHT: Final = 0.5
 
@@ -126,7 +126,7 @@ class SimHal(PlainHal):
 
     def blocked_by(self) -> str | None:
         """The wall, obstacle or vehicle that the robot has run into, in words; None if it has room."""
-        return self.world.in_the_way(self.vehicle, *self.vehicle.pose, TOUCH)
+        return self.world.in_the_way(self.vehicle, *self.vehicle.pose, NO_ROOM)
 
     def place(self, x: float, y: float, theta: float, now: float) -> None:
         """Put the robot down at a pose in the room, at rest."""

@@ -15,9 +15,9 @@ from txt1.model.vehicle import PWM_MAX, STEERING_MAX, outputs_of
 # s between two steps of a controller's loops
 LOOP_PERIOD: Final = 0.005
 # proportional gain of the loop: counts for a speed error, as a share of the counts that make this speed
-GAIN: Final = 1.0
+LOOP_GAIN: Final = 1.0
 # integral gain of the loop, 1/s
-RESET: Final = 4.0
+INTEGRAL_GAIN: Final = 4.0
 
 
 class SimulatedCar:
@@ -60,8 +60,8 @@ class SimulatedCar:
                 made.append(0.0)
                 continue
             error = wanted - v
-            self._sides[side] = min(max(self._sides[side] + RESET * error * dt, -1.0), 1.0)
-            speed = wanted + GAIN * error + self._sides[side]
+            self._sides[side] = min(max(self._sides[side] + INTEGRAL_GAIN * error * dt, -1.0), 1.0)
+            speed = wanted + LOOP_GAIN * error + self._sides[side]
             parameters = self.vehicle.parameters
             counts = copysign(abs(speed) / parameters.speed_gain + parameters.dead_band, speed)
             made.append(min(max(counts, -PWM_MAX), PWM_MAX))

@@ -48,7 +48,7 @@ ROWS: Final = 27
 # with fewer robots a thread of their own does not pay
 SHARE_MIN: Final = 200
 # robots that are moved together: their state stays in the processor's nearest cache
-BLOCK: Final = 128
+ROBOTS_AT_ONCE: Final = 128
 
 # for loops without knowledge of the car
 UNKNOWN: Final = car_of(KnownCar(known=True), Geometry()) or CarParameters(*[1.0] * 9)
@@ -145,7 +145,7 @@ def _run(robots: Array, commands: Array, first: int, bits: NDArray[np.uint8], ow
     `bits` has 8 random bytes for each tick and robot, and 8 more where the light is sampled.
     """
     alike = own.shape[0] == 1
-    size = BLOCK if alike else 1
+    size = ROBOTS_AT_ONCE if alike else 1
     for at in range(begin, end, size):
         until = min(at + size, end)
         o = own[0 if alike else at]

@@ -20,7 +20,7 @@ from txt1.learning.trial import Start
 from txt1.sim.dynamics import VERSION
 
 # number of driven bearings, 3 degrees apart
-BEARINGS: Final = 120
+DRIVEN_BEARINGS: Final = 120
 # between two looks for the goal
 DECISION_MS: Final = 100
 # keys of the configuration, or what they begin with
@@ -75,7 +75,7 @@ def rounded_up(time: float) -> float:
 def _between(values: Sequence[float], start: Start) -> float:
     """Return the value for a start, interpolated between values for bearings from -pi on."""
     bearing = (start.bearing + pi - start.heading + pi) % (2.0 * pi)
-    return float(np.interp(bearing / (2.0 * pi) * BEARINGS, range(BEARINGS + 1), (*values, values[0])))
+    return float(np.interp(bearing / (2.0 * pi) * DRIVEN_BEARINGS, range(DRIVEN_BEARINGS + 1), (*values, values[0])))
 
 
 def known_floor(config: Config) -> Floor | None:

@@ -40,7 +40,7 @@ TIME_LIMIT: Final = 60.0
 # of the laser, rad in the robot's frame
 RAYS: Final = np.linspace(-2.0 * pi / 3.0, 2.0 * pi / 3.0, 37)
 # m, beyond which a ray tells nothing
-REACH: Final = 4.0
+RAY_REACH: Final = 4.0
 # m/s and rad/s, of an observation
 FASTEST, SHARPEST = 5.0, 10.0
 
@@ -204,12 +204,12 @@ class ToPose(DriveTask):
 
 
 class LaserTask(DriveTask):
-    """The base of a task by laser: ranges over REACH, v, omega."""
+    """The base of a task by laser: ranges over RAY_REACH, v, omega."""
 
     laser = True
 
     def _sees(self, seen: TaskView) -> Array:
-        return np.concatenate([np.minimum(seen.ranges, REACH) / REACH, seen.velocities], axis=1)
+        return np.concatenate([np.minimum(seen.ranges, RAY_REACH) / RAY_REACH, seen.velocities], axis=1)
 
     def _bounds(self) -> tuple[Array, Array]:
         return _with_velocities([0.0] * len(RAYS), [1.0] * len(RAYS))

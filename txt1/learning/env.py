@@ -42,7 +42,7 @@ from txt1.learning.picture import Overview, picture
 from txt1.learning.settings import LearningConfig
 from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import Start, ready_to_learn, task_of
-from txt1.learning.world import TOUCH, LightWorld, settled, world_of
+from txt1.learning.world import NO_ROOM, LightWorld, settled, world_of
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import WheelOdometry
 from txt1.sensors.sim_laser import standing
@@ -138,7 +138,7 @@ class ManyBodies:
             body, places = self.config.geometry, poses[moved]
             self._rays[moved] = _ranges(places, self._shapes)
             clear = [clearance(x, y, theta, self._room, body) for x, y, theta in places.tolist()]
-            self._touched[moved] = np.array(clear) < TOUCH
+            self._touched[moved] = np.array(clear) < NO_ROOM
         moved[:] = False
         return TaskView(poses, self.batch.velocities, self.batch.readings, self._rays, self._touched.copy())
 

@@ -54,7 +54,7 @@ THESIS_MEAN: Final = 7.165
 # episodes after which the thesis takes its mean
 LEARNED: Final = 7
 # episodes at the end that are reported separately
-LAST: Final = 10
+LAST_EPISODES: Final = 10
 # episodes whose ratio to the optimum is reported
 MILESTONES: Final = (1, 2, 4, 8, 16, 31)
 
@@ -213,7 +213,7 @@ def best(results: Sequence[TrialResult]) -> TrialResult:
     """The trial that ended best: most successes, then least time over its last 10 episodes."""
 
     def merit(one: TrialResult) -> tuple[int, float]:
-        last = one.episodes[-LAST:]
+        last = one.episodes[-LAST_EPISODES:]
         return sum(each.success for each in last), -sum(each.time for each in last) / max(1, len(last))
 
     return max(results, key=merit)
@@ -268,7 +268,7 @@ def summary(trials: Sequence[Sequence[Episode]], floor: Floor | None = None) -> 
         "model_does_not_fit": {"episodes": len(said), "median_s": _round(np.median(said)) if said else None},
         "thesis_mean_time_s": THESIS_MEAN,
         "after_episode_7": _figures([one for trial in trials for one in trial[LEARNED:]], floor),
-        "last_10": _figures([one for trial in trials for one in trial[-LAST:]], floor),
+        "last_10": _figures([one for trial in trials for one in trial[-LAST_EPISODES:]], floor),
         "ratio_at_episode": {str(k): _figures(some, floor).get("ratio_to_optimum") for k, some in curve.items()},
     }
 

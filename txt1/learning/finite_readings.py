@@ -1,7 +1,7 @@
 """The gate for numbers before every learner: no NaN, no infinity and no negative reading passes it.
 
 A sensor may fail to tell a number now and then: a plug is loose, a message is lost. Such a sample repeats the sensor's
-last number. After `SILENT` s without a number the sensor counts as dark, 0 lux, as a dead one does. A learner that
+last number. After `DARK_AFTER` s without a number the sensor counts as dark, 0 lux, as a dead one does. A learner that
 needs all four sensors then refuses it. If no sensor tells a number, there is nothing to learn from, and the gate itself
 refuses it. Odometry that is no number repeats the last odometry.
 """
@@ -14,7 +14,7 @@ from txt1.model.light_sensors import SENSORS, Readings
 from txt1.model.odometry import Odometry
 
 # s
-SILENT: Final = 0.5
+DARK_AFTER: Final = 0.5
 
 
 class FiniteReadings:
@@ -49,7 +49,7 @@ class FiniteReadings:
             elif self._since[k] == -inf:
                 # the first sample of all
                 self._since[k] = now
-            elif now - self._since[k] > SILENT:
+            elif now - self._since[k] > DARK_AFTER:
                 self._last[k] = 0.0
                 silent.append(k)
         self.fault = "; ".join(f"light sensor {SENSORS[k]} reads {sample[k]:g}, which is no reading" for k in silent)

@@ -12,9 +12,9 @@ from txt1.learning.settings import LearningConfig
 from txt1.sim.obstacles import outline
 from txt1.sim.parameters import Box, Post
 
-SIDE: Final = 400  # pixels
+PICTURE_SIDE: Final = 400  # pixels
 # m around the starts that is shown
-MARGIN: Final = 0.5
+STARTS_MARGIN: Final = 0.5
 FLOOR, WALL, GOAL, LIGHT = (250, 250, 248), (90, 90, 90), (255, 240, 190), (240, 170, 0)
 # in turn
 CARS: Final = ((30, 90, 200), (200, 60, 40), (40, 150, 80), (140, 60, 170))
@@ -38,11 +38,11 @@ def picture(scene: Overview) -> NDArray[np.uint8]:
     one, sim = scene.config.section(LearningConfig), scene.config.sim
     middle = sim.room.light
     places = [scene.light, *(pose[:2] for pose in scene.poses), *(place for way in scene.ways for place in way)]
-    reach = max(one.start_radius, *(max(abs(x - middle[0]), abs(y - middle[1])) for x, y in places)) + MARGIN
-    scale = SIDE / (2.0 * reach)
-    steps = (np.arange(SIDE) + 0.5) / scale - reach
+    reach = max(one.start_radius, *(max(abs(x - middle[0]), abs(y - middle[1])) for x, y in places)) + STARTS_MARGIN
+    scale = PICTURE_SIDE / (2.0 * reach)
+    steps = (np.arange(PICTURE_SIDE) + 0.5) / scale - reach
     east, north = np.meshgrid(middle[0] + steps, middle[1] - steps)
-    drawn = np.full((SIDE, SIDE, 3), FLOOR, np.uint8)
+    drawn = np.full((PICTURE_SIDE, PICTURE_SIDE, 3), FLOOR, np.uint8)
     away = np.hypot(east - scene.light[0], north - scene.light[1])
     drawn[away <= one.goal_radius] = GOAL
     drawn[away <= 0.06] = LIGHT

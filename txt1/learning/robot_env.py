@@ -47,7 +47,7 @@ from txt1.record.options import to_file
 from txt1.robot import Robot
 
 # s that the robot rests on its start
-SETTLE: Final = 0.5
+START_REST: Final = 0.5
 # s: an action that comes within a tick of the trial is not late
 IN_TIME: Final = 0.06
 
@@ -126,7 +126,7 @@ class StepTrial:
         if self.phase is Phase.REST:
             seen = self._filter.settled or not self.task.light
             ready = seen and (self.ranges is not None or not self.task.laser)
-            if now - self._since < SETTLE - 1e-9 or not ready:
+            if now - self._since < START_REST - 1e-9 or not ready:
                 return 0.0, 0.0
             self.phase, self._due = Phase.DRIVE, now
         if self.phase is not Phase.DRIVE:

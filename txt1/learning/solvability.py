@@ -11,9 +11,9 @@ from txt1.sim.obstacles import gap
 from txt1.sim.parameters import Box
 
 # s between two looks for the goal by default: the quickest learner's decisions
-LOOK: Final = 0.1
+GOAL_CHECK_PERIOD: Final = 0.1
 # number of starts that are tried around the light
-BEARINGS: Final = 72
+TRIED_BEARINGS: Final = 72
 
 
 def refuse_unsolvable(config: Config) -> None:
@@ -35,7 +35,7 @@ def refuse_unsolvable(config: Config) -> None:
             f"sim.room.light: {x:g}, {y:g} is outside learning.boundary, {one.boundary:g} m; "
             f"set a boundary of more than {outermost + one.start_radius:g}"
         )
-    bearings = [2.0 * pi * k / BEARINGS for k in range(BEARINGS)]
+    bearings = [2.0 * pi * k / TRIED_BEARINGS for k in range(TRIED_BEARINGS)]
     begins = [(x + one.start_radius * cos(each), y + one.start_radius * sin(each)) for each in bearings]
     if all(max(abs(east), abs(north)) > one.boundary for east, north in begins):
         raise ConfigError(
@@ -47,7 +47,7 @@ def refuse_unsolvable(config: Config) -> None:
             f"learning.goal_radius: {one.goal_radius:g}: every start, {one.start_radius:g} m away by "
             "learning.start_radius, is in the goal already; set less"
         )
-    way = speed * (one.goal_period or LOOK)
+    way = speed * (one.goal_period or GOAL_CHECK_PERIOD)
     if 2.0 * one.goal_radius < way:
         raise ConfigError(
             f"learning.goal_radius: {one.goal_radius:g}: the robot goes {way:g} m between two looks for the goal and "

@@ -37,7 +37,7 @@ from txt1.sim.lamp import PointLight, illuminances
 from txt1.sim.pcg64 import Draws
 
 # remedy 1: a command is reached when speed and yaw rate are this near to it, m/s and rad/s (O)
-REACHED: Final = 0.15
+COMMAND_REACHED: Final = 0.15
 # remedy 2: a yaw rate beyond this counts as a turn, rad/s: a third of the range of +-0.54 (5.4)
 SENSED: Final = 0.18
 # factor of a fading learning rate, from an episode to the next
@@ -177,7 +177,7 @@ class ThesisAgent:
             return False
         if self._reaching:
             v, omega = self._commands[self._a]
-            if abs(odometry.v - v) > REACHED or abs(odometry.omega - omega) > REACHED:
+            if abs(odometry.v - v) > COMMAND_REACHED or abs(odometry.omega - omega) > COMMAND_REACHED:
                 return True
             self._reaching = False
             self._s = self.state()

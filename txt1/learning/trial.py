@@ -49,7 +49,7 @@ OVER: Final = -1
 STARTS, ROBOT, SENSORS, AGENT = 1, 2, STREAM, 4
 
 # distance of the walls beyond the boundary, m: half a body, and room to stop
-MARGIN: Final = 1.0
+WALL_MARGIN: Final = 1.0
 
 
 class Task(NamedTuple):
@@ -172,7 +172,7 @@ def task_of(config: Config) -> Task:
 
 def ready_to_learn(config: Config) -> Config:
     """Return the configuration with a simulated room that holds the boundary, and power that never runs out."""
-    side = 2.0 * (config.section(LearningConfig).boundary + MARGIN)
+    side = 2.0 * (config.section(LearningConfig).boundary + WALL_MARGIN)
     sim = config.sim
     room = sim.room.model_copy(update={"length": max(side, sim.room.length), "width": max(side, sim.room.width)})
     battery = replace(sim.battery, used_1=None, used_2=None)

@@ -38,7 +38,7 @@ Pose = tuple[float, float, float]
 Command = tuple[float, float]
 
 # m: with less room than this the robot touches what is there
-TOUCH: Final = 0.02
+NO_ROOM: Final = 0.02
 
 
 class LightWorld:

@@ -14,7 +14,7 @@ from typing import Final, Protocol
 from txt1.errors import LinkLost
 
 # bytes that may wait for the other side to take them
-BACKLOG: Final = 4096
+BYTES_WAITING_MAX: Final = 4096
 
 
 class Link:
@@ -42,8 +42,8 @@ class Link:
     def write(self, data: bytes) -> None:
         """Send these bytes; never waits. Raises LinkLost when the link is lost or closed.
 
-        When more than BACKLOG bytes already wait for the other side, the write is dropped whole and counted, as on a
-        UART.
+        When more than BYTES_WAITING_MAX bytes already wait for the other side, the write is dropped whole and counted,
+        as on a UART.
         """
         if self._down:
             raise LinkLost(f"nothing was sent: {self._down}")
@@ -130,7 +130,7 @@ class StreamLink(Link, asyncio.Protocol):
 
     def _send(self, data: bytes) -> None:
         waiting = self.transport.get_write_buffer_size()
-        if waiting and waiting + len(data) > BACKLOG:
+        if waiting and waiting + len(data) > BYTES_WAITING_MAX:
             self.overflows += 1
         else:
             self.transport.write(data)

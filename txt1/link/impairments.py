@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 
-from txt1.link.base import BACKLOG, End, Link
+from txt1.link.base import BYTES_WAITING_MAX, End, Link
 from txt1.sim.parameters import LineFaults
 from txt1.sim.random_streams import random_stream
 from txt1.sim.serial_line import Arrival, LineFault, Pace, SerialLine
@@ -29,7 +29,7 @@ class Way:
 
     def send(self, data: bytes) -> None:
         """Send bytes; bytes that take no time are delivered now."""
-        if self._waiting and self._waiting + len(data) > BACKLOG:
+        if self._waiting and self._waiting + len(data) > BYTES_WAITING_MAX:
             self.overflows += 1
             return
         now = self._loop.time()

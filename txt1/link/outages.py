@@ -8,7 +8,7 @@ from txt1.errors import HalError
 from txt1.link.base import End, Link, Port
 
 # s that a nonsensical answer takes
-TURN: Final = 0.001
+ANSWER_TIME: Final = 0.001
 
 
 class Outage(StrEnum):
@@ -143,7 +143,7 @@ class _Line(Link):
         loop = asyncio.get_running_loop()
         self._port.written.append(loop.time())
         if self._port.answers_nonsense and self.up:
-            loop.call_later(TURN, self._echo, data + b"\n")
+            loop.call_later(ANSWER_TIME, self._echo, data + b"\n")
         if self.far.link is not None and self._port.passes(self):
             self.far.link.write(data)
 

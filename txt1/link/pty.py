@@ -14,10 +14,10 @@ from contextlib import suppress
 from typing import Final
 
 from txt1.errors import HalError
-from txt1.link.base import BACKLOG, End, Link, Listener
+from txt1.link.base import BYTES_WAITING_MAX, End, Link, Listener
 
 # s between two checks for a host on the pseudo-terminal
-LOOK_EVERY: Final = 0.05
+HOST_CHECK_PERIOD: Final = 0.05
 
 
 class _PtyLink(Link):
@@ -78,7 +78,7 @@ class _PtyLink(Link):
 
     def _readable(self) -> None:
         try:
-            data = os.read(self._master, BACKLOG)
+            data = os.read(self._master, BYTES_WAITING_MAX)
         except BlockingIOError:
             self._used = True
         except OSError:
@@ -94,7 +94,7 @@ class _PtyLink(Link):
         if self._used:
             self._used = False
             _clean(self._slave)
-        self._timer = self._loop.call_later(LOOK_EVERY, self._look)
+        self._timer = self._loop.call_later(HOST_CHECK_PERIOD, self._look)
 
 
 def listen_pty(path: str, end: End) -> Listener:

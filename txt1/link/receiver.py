@@ -8,9 +8,9 @@ from txt1.protocol.decoder import Decoder, Event
 from txt1.protocol.layout import Role
 
 # s without a byte after which an unfinished frame is given up
-SILENCE: Final = 0.05
+FRAME_GAP_MAX: Final = 0.05
 # s after which it is given up even if bytes come: at 57600 baud the longest frame takes 42 ms
-LONGEST: Final = 0.3
+FRAME_TIME_MAX: Final = 0.3
 
 
 class Receiver:
@@ -36,11 +36,11 @@ class Receiver:
             loop, half = asyncio.get_running_loop(), self.decoder.position - self.decoder.pending
             if half != self._half:
                 self._half, self._since = half, loop.time()
-            elif loop.time() - self._since > LONGEST:
+            elif loop.time() - self._since > FRAME_TIME_MAX:
                 # the frame's lost bytes will not come any more
                 self.give_up()
                 return
-            self._expiry = loop.call_later(SILENCE, self.give_up)
+            self._expiry = loop.call_later(FRAME_GAP_MAX, self.give_up)
 
     def give_up(self) -> None:
         """Give up the unfinished frame."""

@@ -9,10 +9,10 @@ of these ways show in nothing but silence. So silence itself is answered, by a l
 1. After `patience` s without a sound reading the device is **greeted** again, as on a new line: it may have started
    again in its first mode. A device that takes no commands skips this step.
 2. After the same time again its port is **opened** again: the connection may be half open, or the adapter may hang.
-3. Then its port is opened again and again. The pauses double, up to LONGEST.
+3. Then its port is opened again and again. The pauses double, up to LONGEST_PAUSE.
 
-A port that is lost is opened again after FIRST s, then with pauses of up to LOST_LONGEST: nothing is waited for but the
-plug. A sound reading ends all this, and the next silence begins at the first step.
+A port that is lost is opened again after FIRST_PAUSE s, then with pauses of up to LOST_LONGEST: nothing is waited for
+but the plug. A sound reading ends all this, and the next silence begins at the first step.
 
 `Ladder` says when the next step is due, and which one. It has no clock and does no I/O. `Watched` takes the steps for
 a port. A step sends the driver's greeting and nothing else: greetings arm nothing, and switch nothing on.
@@ -28,12 +28,12 @@ from txt1.errors import HalError
 from txt1.link.base import End, Link, Port
 
 # s from the loss of a port to the first attempt to open it, and the longest pause between later attempts
-FIRST: Final = 0.1
+FIRST_PAUSE: Final = 0.1
 LOST_LONGEST: Final = 0.9
 # s, longest pause between two steps against a device that is silent on an open port
-LONGEST: Final = 10.0
+LONGEST_PAUSE: Final = 10.0
 # s by which a timer may fire early
-EARLY: Final = 1e-3
+TIMER_EARLY: Final = 1e-3
 
 
 class Step(Enum):
@@ -99,11 +99,11 @@ class Ladder:
             self._last = time
         else:
             self._due = time + self._pause
-            self._pause = min(2.0 * self._pause, max(LONGEST, self._patience))
+            self._pause = min(2.0 * self._pause, max(LONGEST_PAUSE, self._patience))
 
     def _begin(self) -> None:
         self.greeted = self.opened = self.connections = 0
-        self._lost_pause, self._pause = FIRST, self._patience
+        self._lost_pause, self._pause = FIRST_PAUSE, self._patience
 
     def __str__(self) -> str:
         """Return the steps taken, in words, such as "greeted again, opened again 3 times"."""
@@ -215,7 +215,7 @@ class Watched:
     def _look(self) -> None:
         self._timer = None
         time = asyncio.get_running_loop().time()
-        if time < self.ladder.due - EARLY:
+        if time < self.ladder.due - TIMER_EARLY:
             self._wait()
             return
         if self.ladder.take(time) is Step.OPEN:

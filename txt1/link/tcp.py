@@ -11,10 +11,10 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from txt1.errors import HalError
-from txt1.link.base import BACKLOG, End, Link, Listener, StreamLink
+from txt1.link.base import BYTES_WAITING_MAX, End, Link, Listener, StreamLink
 
 # s: a host that has sent nothing for this time makes room for another
-SILENT: Final = 1.0
+HOST_SILENCE: Final = 1.0
 # ms: a peer that has acknowledged no byte for this time is gone
 VANISHED_MS: Final = 3000
 # s without bytes after which the kernel asks a peer whether it is there, s between two such questions, and their number
@@ -126,7 +126,7 @@ def tune(sock: socket.socket) -> None:
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     # the kernel would keep minutes of frames in megabytes
     for direction in (socket.SO_SNDBUF, socket.SO_RCVBUF):
-        sock.setsockopt(socket.SOL_SOCKET, direction, 4 * BACKLOG)
+        sock.setsockopt(socket.SOL_SOCKET, direction, 4 * BYTES_WAITING_MAX)
     if hasattr(socket, "TCP_USER_TIMEOUT"):
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, VANISHED_MS)
     # without these, who only listens never notices that the other computer is gone
@@ -149,7 +149,7 @@ class _HostLink(StreamLink):
         self.address = socket_address(transport.get_extra_info("peername"))
         before = self._listener.host
         if before is not None and before.up:
-            if self._loop.time() - before.heard < SILENT:
+            if self._loop.time() - before.heard < HOST_SILENCE:
                 self._down = "another host is connected"
                 transport.close()
                 return
@@ -184,8 +184,8 @@ class _TcpListener:
 async def listen_tcp(host: str, port: int, end: End) -> Listener:
     """Listen on a TCP port for one host at a time. Port 0 is any free port; `address` then names it.
 
-    While a host is connected, a second host is turned away, unless the first has sent nothing for SILENT seconds: then
-    the second replaces it. Raises HalError, with the remedy, if the port is not available.
+    While a host is connected, a second host is turned away, unless the first has sent nothing for HOST_SILENCE seconds:
+    then the second replaces it. Raises HalError, with the remedy, if the port is not available.
     """
     loop = asyncio.get_running_loop()
     listener = _TcpListener(end)

@@ -16,17 +16,17 @@ from txt1.hal.serial import SerialHal
 from txt1.link.base import Port
 from txt1.rc.frames import RcFrame
 from txt1.rc.receiver_port import ReceiverLine
-from txt1.rc.settings import APART, RcParameters, firmware_settings, take_over
+from txt1.rc.settings import POSITIONS_APART, RcParameters, firmware_settings, take_over
 from txt1.rc.take_over import ModeSwitch, RcState, Stick, TakeOver
 from txt1.robot import Robot
 
 # s for which the receiver is listened to after each answer
 LISTENS: Final = 0.5
 # s after which a receiver has to tell the loss, and s for which it then has to go on telling it
-TELLS: Final = 1.5
+LOSS_TELL_TIME: Final = 1.5
 STAYS: Final = 2.0
 # s between two looks
-LOOK: Final = 0.02
+STICK_CHECK_PERIOD: Final = 0.02
 
 Ready = Callable[[str, str], Awaitable[None]]
 """Asks a person to do something (a key for programs, a text), and returns when it is done."""
@@ -127,17 +127,17 @@ class BoardListener(ChannelListener):
                 pulses = int(report.throttle), int(report.steering), int(report.switch)
                 if all(pulses):
                     self._take(RcFrame(pulses), arrived)
-            await asyncio.sleep(LOOK)
+            await asyncio.sleep(STICK_CHECK_PERIOD)
 
 
 def moved(before: tuple[float, ...], after: tuple[float, ...], what: str, but: tuple[int, ...] = ()) -> int:
     """Return the index of the channel that moved; raises HalError if none or several did. `but`: known channels."""
     ways = [abs(a - b) for a, b in zip(after, before, strict=True)]
-    found = [k for k in range(len(before)) if ways[k] >= APART and k not in but]
+    found = [k for k in range(len(before)) if ways[k] >= POSITIONS_APART and k not in but]
     if len(found) != 1:
         told = f"the channels {', '.join(str(k + 1) for k in found)} did" if found else "none did"
         raise HalError(
-            f"{what}: one channel has to move by {APART:g} us, but {told}; begin again, and move nothing else"
+            f"{what}: one channel has to move by {POSITIONS_APART:g} us, but {told}; begin again, and move nothing else"
         )
     return found[0]
 
@@ -200,7 +200,7 @@ async def calibrate(
 async def _tells_its_loss(listener: ChannelListener, rule: TakeOver, throttle: Stick) -> None:
     """Raise HalError unless the receiver tells the loss soon, and goes on telling it."""
     loop = asyncio.get_running_loop()
-    await asyncio.sleep(TELLS)
+    await asyncio.sleep(LOSS_TELL_TIME)
     ends = loop.time() + STAYS
     while loop.time() < ends:
         if rule.look(loop.time()).state is not RcState.LOST:
@@ -212,4 +212,4 @@ async def _tells_its_loss(listener: ChannelListener, rule: TakeOver, throttle: S
                 "would stop the car. Set the receiver's failsafe to no pulses (no output), then calibrate again; a "
                 "receiver that cannot do this must not be used"
             )
-        await asyncio.sleep(LOOK)
+        await asyncio.sleep(STICK_CHECK_PERIOD)

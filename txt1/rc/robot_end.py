@@ -20,7 +20,7 @@ from txt1.link.base import Port
 from txt1.rc.frames import RcFrame, telemetry
 from txt1.rc.receiver_port import ReceiverLine
 from txt1.rc.settings import BOARD, RcParameters, take_over
-from txt1.rc.take_over import SILENCE, RcState
+from txt1.rc.take_over import FRAME_SILENCE, RcState
 from txt1.robot import Robot
 
 PRIORITY: Final = 60
@@ -202,7 +202,7 @@ class BoardHand(RcHand):
     def state(self) -> RcState:
         """Who drives, as the board tells."""
         told = self._hal.rc
-        if told is None or self._hal.line.time() - told[1] > SILENCE:
+        if told is None or self._hal.line.time() - told[1] > FRAME_SILENCE:
             return RcState.LOST
         self.problem = ""
         states = tuple(RcState)

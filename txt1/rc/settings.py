@@ -9,7 +9,7 @@ from txt1.rc.take_over import ModeSwitch, Stick, TakeOver
 from txt1.units import Positive
 
 # us by which the positions of a stick or switch have to differ
-APART: Final = 200.0
+POSITIONS_APART: Final = 200.0
 
 
 class Protocol(NamedTuple):
@@ -63,12 +63,14 @@ def take_over(parameters: RcParameters) -> TakeOver:
             "of them, and checks that the receiver tells the loss of its transmitter"
         )
     for name, stick in (("throttle", throttle), ("steering", steering)):
-        rises = stick.least + APART <= stick.middle <= stick.most - APART
-        falls = stick.most + APART <= stick.middle <= stick.least - APART
+        rises = stick.least + POSITIONS_APART <= stick.middle <= stick.most - POSITIONS_APART
+        falls = stick.most + POSITIONS_APART <= stick.middle <= stick.least - POSITIONS_APART
         if not (rises or falls):
             told = f"{stick.least:g}, {stick.middle:g}, {stick.most:g}"
-            raise ConfigError(f"rc.{name}: {told} us do not rise or fall by {APART:g} us each; calibrate it again")
-    if abs(switch.hand - switch.computer) < 2.0 * APART:
+            raise ConfigError(
+                f"rc.{name}: {told} us do not rise or fall by {POSITIONS_APART:g} us each; calibrate it again"
+            )
+    if abs(switch.hand - switch.computer) < 2.0 * POSITIONS_APART:
         told = f"{switch.hand:g} and {switch.computer:g} us"
         raise ConfigError(f"rc.switch: {told} are too close for three positions; calibrate it again")
     channels = [each.channel for each in given.values()]

@@ -7,8 +7,8 @@ A switch of the transmitter says who drives. In its position "hand" the sticks d
 other sources may, by the ordinary rules. Half way is "hand" at zero: it stops the car, and the sticks do nothing.
 
 A receiver without its transmitter has no hand behind it, whatever the switch was. So nobody drives then, the computer
-neither. The link is *lost* when the receiver says so, or when no frame that counts has come for SILENCE. A frame with a
-pulse that no calibrated stick makes does not count: many receivers tell the loss by such a pulse.
+neither. The link is *lost* when the receiver says so, or when no frame that counts has come for FRAME_SILENCE. A frame
+with a pulse that no calibrated stick makes does not count: many receivers tell the loss by such a pulse.
 
 At power-up and after each loss the robot *waits*: nothing moves until the switch is at "hand" with the throttle at
 neutral. So neither a stick that was held, nor a program that went on commanding, drives off when the link is back.
@@ -28,9 +28,9 @@ from annotated_types import Ge, Le
 from txt1.control.hand import shaped
 
 # s without a frame that counts after which the link is lost
-SILENCE: Final = 0.25
+FRAME_SILENCE: Final = 0.25
 # us by which a pulse may lie outside the calibrated range of its stick or switch
-MARGIN: Final = 100.0
+PULSE_MARGIN: Final = 100.0
 # share of the way between the switch's positions that belongs to each of them
 AT: Final = 0.25
 
@@ -65,7 +65,7 @@ class Stick:
 
     def place(self, pulse: float) -> float | None:
         """Return where the stick is, -1 to 1, without its dead middle; None if it cannot be there."""
-        if not min(self.least, self.most) - MARGIN <= pulse <= max(self.least, self.most) + MARGIN:
+        if not min(self.least, self.most) - PULSE_MARGIN <= pulse <= max(self.least, self.most) + PULSE_MARGIN:
             return None
         forward = (pulse - self.middle) * (self.most - self.middle) > 0.0
         way = self.most - self.middle if forward else self.middle - self.least
@@ -83,7 +83,7 @@ class ModeSwitch:
 
     def position(self, pulse: float) -> RcState | None:
         """Return the switch's position; None if it cannot be there."""
-        if not min(self.hand, self.computer) - MARGIN <= pulse <= max(self.hand, self.computer) + MARGIN:
+        if not min(self.hand, self.computer) - PULSE_MARGIN <= pulse <= max(self.hand, self.computer) + PULSE_MARGIN:
             return None
         share = (pulse - self.hand) / (self.computer - self.hand)
         if share < AT:
@@ -147,7 +147,7 @@ class TakeOver:
 
     def look(self, now: float) -> RcWish:
         """Return who drives at `now`."""
-        if self._lost or now - self._heard > SILENCE:
+        if self._lost or now - self._heard > FRAME_SILENCE:
             self._waiting = self._let_go = True
             self._wish = RcWish(RcState.LOST)
         return self._wish

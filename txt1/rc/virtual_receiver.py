@@ -16,7 +16,7 @@ PERIODS: Final = {"sbus": 0.014, "crsf": 1.0 / 150.0, "pwm": 0.02}
 # frames of channels between two link statistics
 STATISTICS_EVERY: Final = 15
 # s for which a receiver repeats the channels, marked as lost, before it tells the failsafe
-HOLDS: Final = 0.5
+HOLD_TIME: Final = 0.5
 
 Fails = Literal["silent", "flagged", "statistics", "hold", "out of range"]
 """A receiver without its transmitter: it sends nothing; frames with flags (SBUS); an uplink of quality 0 beside the old
@@ -113,7 +113,7 @@ class VirtualReceiver(VirtualDevice):
         if self._protocol == "sbus":
             flags = 0
             if not self.on and self.fails == "flagged":
-                flags = SBUS_LOST | (SBUS_FAILSAFE if now - self._lost_at > HOLDS else 0)
+                flags = SBUS_LOST | (SBUS_FAILSAFE if now - self._lost_at > HOLD_TIME else 0)
             return sbus_frame(self._pulses, flags)
         if count % STATISTICS_EVERY == 0:
             quality = 100 if self.on or self.fails != "statistics" else 0

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, Protocol
 
-from txt1.bridges.registry import RESTART, SILENCE, warning
+from txt1.bridges.registry import HEARTBEAT_SILENCE, RESTART, warning
 from txt1.ros.python import RosPython
 from txt1.runtime import Runtime
 from txt1.sidecar import TELEMETRY_PERIOD, Request, Sidecar
@@ -59,7 +59,7 @@ async def node_beside(
         desk.request,
         options=options,
         restart=RESTART,
-        silence=SILENCE,
+        silence=HEARTBEAT_SILENCE,
         tell=lambda text: desk.say(f" {text}"),
         lost=desk.lost,
         program=started(python, target),

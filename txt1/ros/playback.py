@@ -32,11 +32,11 @@ from txt1.telemetry.topics import Topic
 
 NODE: Final = "txt1.ros.ros2:main"
 # s between two checks for messages that are due
-BEAT: Final = 0.01
+DUE_PERIOD: Final = 0.01
 # messages after which a line is full
 BYTES_MAX: Final = 1 << 19
 # s that the last messages have to arrive
-LAST: Final = 1.0
+ARRIVAL_TIME: Final = 1.0
 
 
 class Playback:
@@ -114,7 +114,7 @@ class Playback:
         """Return a line with the messages that are due now; None if there are none."""
         if self._began is None or self._clock.now_ns() < self._due_ns:
             return None
-        self._due_ns = self._clock.now_ns() + nanoseconds(BEAT)
+        self._due_ns = self._clock.now_ns() + nanoseconds(DUE_PERIOD)
         now = (self._first or 0) + round((self._clock.now_ns() - self._began) * self._speed)
         new: list[tuple[int, str, str, str]] = []
         messages: list[tuple[int, int, bytes]] = []
@@ -168,7 +168,7 @@ async def publish(playback: Playback, python: RosPython, namespace: str) -> None
         playback.telemetry,
         playback.request,
         options={"namespace": namespace, "virtual": True},
-        beat=BEAT,
+        beat=DUE_PERIOD,
         niceness=0,
         program=started(python, NODE),
         environment=python.environment,
@@ -179,7 +179,7 @@ async def publish(playback: Playback, python: RosPython, namespace: str) -> None
         over.cancel()
         if ended.done():
             raise HalError(f"the node of ROS 2 ended: {ended.result()} (exit code {beside.returncode})")
-        await asyncio.sleep(LAST)
+        await asyncio.sleep(ARRIVAL_TIME)
         ended.cancel()
 
 

@@ -22,9 +22,9 @@ from txt1.ros.publisher import PLAIN, Publisher, Told
 from txt1.tasks.on_map import MapInUse
 
 # s between two reports on the way to a goal
-FEEDBACK: Final = 0.2
+FEEDBACK_PERIOD: Final = 0.2
 # m/s for a goal without a speed
-SPEED: Final = 0.4
+GOAL_SPEED: Final = 0.4
 _SWITCHES: Final = {"atx": Switch.ATX, "esc": Switch.ESC}
 
 
@@ -136,7 +136,7 @@ class Ros2RobotEnd(RobotEnd):
                 pose_source=source,
                 room=room,
                 source=self.source,
-                speed=min(speed or SPEED, self._v_max),
+                speed=min(speed or GOAL_SPEED, self._v_max),
             )
         finally:
             if self._goal is goal:
@@ -173,7 +173,7 @@ class Ros2RobotEnd(RobotEnd):
         now = self.robot.now
         if self._aim is None or now < self._feedback_due:
             return None
-        self._feedback_due = now + FEEDBACK
+        self._feedback_due = now + FEEDBACK_PERIOD
         source, x, y = self._aim
         pose = source.read()
         return None if pose is None else (hypot(x - pose[0], y - pose[1]), *pose)

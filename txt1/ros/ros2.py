@@ -37,7 +37,7 @@ from txt1.ros.stamps import Publishers, Stamps
 from txt1.sidecar import Connection
 
 # s between two checks whether a goal is cancelled
-LOOK: Final = 0.1
+CANCEL_CHECK_PERIOD: Final = 0.1
 # s between two reports about the node
 SECOND: Final = 1.0
 # s for which messages are discarded after this process stood still
@@ -49,13 +49,13 @@ SIOCGIFADDR: Final = 0x8915
 # the flag of an interface that is up
 IFF_RUNNING: Final = 0x40
 # s of a thread's turn: a command must not wait for a camera's picture
-TURN: Final = 5e-4
+THREAD_TURN: Final = 5e-4
 # number of its own transforms that a node recognises
 OWN: Final = 256
 # bytes before a message, which the middleware may change
-HEAD: Final = 4
+MESSAGE_HEAD: Final = 4
 # s without a sign of life from the main thread after which this process ends
-HUNG: Final = 5.0
+MAIN_THREAD_SILENCE: Final = 5.0
 
 _BEST_EFFORT: Final = ReliabilityPolicy.BEST_EFFORT
 QUALITIES: Final = {
@@ -158,7 +158,7 @@ class Bridge:
             self._robot.request("")
             if self.over:
                 return
-            if time.monotonic() - self._alive > HUNG:
+            if time.monotonic() - self._alive > MAIN_THREAD_SILENCE:
                 # the main thread hangs, so this heartbeat stops
                 return
             now = time.monotonic()
@@ -174,7 +174,7 @@ class Bridge:
                 if publisher is not None:
                     told = b64decode(data)
                     if publisher[1] == "tf":
-                        self._own.append(told[HEAD:])
+                        self._own.append(told[MESSAGE_HEAD:])
                     publisher[0].publish(told)
             self._caller.answered(telemetry.get("answers", ()))
             if "feedback" in telemetry:
@@ -347,7 +347,7 @@ class Bridge:
 
             done, text = self._caller.watched(
                 "drive_to",
-                LOOK,
+                CANCEL_CHECK_PERIOD,
                 look,
                 frame=asked.header.frame_id.lstrip("/"),
                 x=place.x,
@@ -433,7 +433,7 @@ class Bridge:
             from tf2_msgs.msg import TFMessage
 
             def heard(data: bytes) -> None:
-                if data[HEAD:] not in self._own:
+                if data[MESSAGE_HEAD:] not in self._own:
                     self._hear(deserialize_message(data, TFMessage), ", ".join(nodes))
 
             self._others = self._node.create_subscription(
@@ -524,7 +524,7 @@ def main(
     **more: Any,
 ) -> None:
     """Serve until the robot's process ends."""
-    sys.setswitchinterval(TURN)
+    sys.setswitchinterval(THREAD_TURN)
     ends = threading.Event()
     while not ends.is_set():
         rclpy.init(args=[], signal_handler_options=rclpy.SignalHandlerOptions.NO)

@@ -19,9 +19,9 @@ from math import inf
 from typing import Final
 
 # largest share by which one clock may be faster than the other
-DRIFT: Final = 2e-4
+SENDER_CLOCK_DRIFT: Final = 2e-4
 # s by which delays of commands in a row may differ after a clock was set, and by which a command may be early
-AHEAD: Final = 0.1
+DELAY_SPREAD: Final = 0.1
 # number of commands in a row, and s between the first and the last of them, that have to agree on a new delay
 AGREEING: Final = 3
 AGREE_FOR: Final = 0.3
@@ -54,9 +54,9 @@ class Stamps:
         if self._least is None:
             self._least = delay
         else:
-            self._least += DRIFT * max(0.0, received - self._arrived)
+            self._least += SENDER_CLOCK_DRIFT * max(0.0, received - self._arrived)
         self._arrived = received
-        early = delay < self._least - AHEAD
+        early = delay < self._least - DELAY_SPREAD
         if not (fell or early) and delay <= self._least + self._stale:
             self._anew.clear()
             self._stamp, self._least = stamp, min(self._least, delay)
@@ -73,7 +73,7 @@ class Stamps:
     def _agrees(self, received: float, delay: float, set_now: bool) -> bool:
         """Return whether the commands since a clock was set agree on a delay; `set_now`: this one shows that it was."""
         first = self._anew[0][1] if self._anew else None
-        if first is not None and abs(delay - first) <= AHEAD:
+        if first is not None and abs(delay - first) <= DELAY_SPREAD:
             self._anew.append((received, delay))
         elif set_now:
             self._anew = [(received, delay)]

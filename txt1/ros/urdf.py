@@ -8,7 +8,7 @@ from typing import Final
 from txt1.model.vehicle import Geometry
 from txt1.ros.topics import AXLES, WHEELS
 from txt1.sensors.mounts import Mounts, optical
-from txt1.sensors.readings import BASE
+from txt1.sensors.readings import BASE_HEIGHT
 
 # sizes of the original's sensors by the ends of their links' names, m
 _SIZES: Final = {
@@ -22,7 +22,7 @@ SMALL: Final = (0.03, 0.03, 0.03)
 # width of a tyre, m
 TYRE: Final = 0.085
 # height of the body, m
-HEIGHT: Final = 0.14
+BODY_HEIGHT: Final = 0.14
 BODY_DENSITY: Final = (
     # kg/m^3 of the body's box; assumed: an F1TENTH, whose published mass is 3.74 kg, gets 4.1
     300.0
@@ -59,15 +59,15 @@ def robot_description(name: str, geometry: Geometry, mounts: Mounts = ()) -> str
     """Return the robot with sensors at these places as URDF; ROS 2's robot_state_publisher moves its joints by
     ``joint_states``.
     """
-    size = geometry.length, geometry.width - 2.0 * TYRE, HEIGHT
+    size = geometry.length, geometry.width - 2.0 * TYRE, BODY_HEIGHT
     place = _origin((geometry.centre, 0.0, 0.0))
     parts = [
         _BODY.format("base_link", place, _cuboid(size), "blue", _box(place, size)),
-        _fixed("base_footprint", "base_link", _origin((0.0, 0.0, BASE))),
+        _fixed("base_footprint", "base_link", _origin((0.0, 0.0, BASE_HEIGHT))),
     ]
     here = _origin((0.0, 0.0, 0.0))
     for link, mount in mounts:
-        at = _origin((mount.x, mount.y, mount.z - BASE), f"0 0 {mount.yaw:.6g}")
+        at = _origin((mount.x, mount.y, mount.z - BASE_HEIGHT), f"0 0 {mount.yaw:.6g}")
         of_the_kind = next((size for kind, size in _SIZES.items() if link.endswith(kind)), SMALL)
         parts += [_BODY.format(link, here, _cuboid(of_the_kind), "grey", ""), _fixed("base_link", link, at)]
         if link.endswith("camera_link"):
@@ -88,7 +88,7 @@ def robot_description(name: str, geometry: Geometry, mounts: Mounts = ()) -> str
     for wheel in WHEELS:
         is_front = wheel.startswith("front")
         y = 0.5 * geometry.track_width * (1.0 if wheel.endswith("left") else -1.0)
-        place = _origin((rear + geometry.wheelbase * is_front, y, radius - BASE))
+        place = _origin((rear + geometry.wheelbase * is_front, y, radius - BASE_HEIGHT))
         kind, more = ("revolute", limits) if AXLES[geometry.steering][not is_front] else ("fixed", "")
         axle = _origin((0.0, 0.0, 0.0))
         parts += [

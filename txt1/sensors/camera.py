@@ -23,7 +23,7 @@ PICTURE_PATIENCE: Final = 5.0
 START_PATIENCE: Final = 30.0
 SILENT: Final = "the camera sends no pictures any more: is it plugged in, and does no other program use it?"
 # s between two looks whether a picture has come
-LOOK: Final = 0.005
+PICTURE_CHECK_PERIOD: Final = 0.005
 
 _clock: Final = RealClock()
 
@@ -139,7 +139,7 @@ def _waited_for(container: Any, wait: Callable[[float], object]) -> Iterator[Any
             return
         except BlockingIOError:
             # no picture yet
-            wait(LOOK)
+            wait(PICTURE_CHECK_PERIOD)
         except av.ExitError:
             # a stream was waited for in vain
             raise HalError(SILENT) from None

@@ -45,14 +45,14 @@ PROGRAM: Final = ("rpicam-vid",)
 PICTURE_PATIENCE: Final = 5.0
 START_PATIENCE: Final = 30.0
 # s between two looks whether the sensor was closed
-LOOK: Final = 0.1
+CLOSED_CHECK_PERIOD: Final = 0.1
 # s that the program has to end by itself
-ENDING: Final = 1.0
+PROGRAM_END_PATIENCE: Final = 1.0
 # s: a picture that seems older has a time of another clock
-AGE_MAX: Final = 2.0
+PICTURE_AGE_MAX: Final = 2.0
 # bytes read at once, and kept of the program's complaints
-PIECE: Final = 1 << 20
-TOLD: Final = 4000
+READ_BYTES: Final = 1 << 20
+COMPLAINT_BYTES: Final = 4000
 # pixels: a row of a raw picture is filled up to a multiple of this
 ROW: Final = 64
 # bytes of the longest JPEG
@@ -60,8 +60,8 @@ JPEG_MAX: Final = 1 << 24
 
 # the first bytes of a JPEG, and its markers of the end and of the start of the scan
 BEGIN: Final = b"\xff\xd8"
-END: Final = 0xD9
-SCAN: Final = 0xDA
+JPEG_END: Final = 0xD9
+JPEG_SCAN: Final = 0xDA
 # after 0xff within a scan: a byte 0xff itself, and restarts
 WITHIN: Final = frozenset((0x00, *range(0xD0, 0xD8)))
 
@@ -101,12 +101,12 @@ def jpeg_length(data: bytes | bytearray) -> int | None:
         if data[at] != 0xFF:
             return 0
         marker = data[at + 1]
-        if marker == END:
+        if marker == JPEG_END:
             return at + 2
         if len(data) < at + 4:
             return None
         at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
-        if marker == SCAN:
+        if marker == JPEG_SCAN:
             at = data.find(b"\xff", at)
             while at >= 0 and at + 1 < len(data) and data[at + 1] in WITHIN:
                 at = data.find(b"\xff", at + 2)
@@ -137,7 +137,7 @@ def exposed(image: Image, timestamp: object) -> Exposed[Image] | Image:
         age = seconds(_clock.now_ns() - int(timestamp))  # type: ignore[call-overload]
     except (TypeError, ValueError):
         return image
-    return Exposed(image, age) if 0.0 <= age < AGE_MAX else image
+    return Exposed(image, age) if 0.0 <= age < PICTURE_AGE_MAX else image
 
 
 class RpicamStream:
@@ -241,14 +241,14 @@ def _pictures_of(
         for source in (output, errors, metadata):
             ready.register(source, selectors.EVENT_READ)
         while not wait(0.0):
-            for key, _ in ready.select(LOOK):
-                data = os.read(key.fd, PIECE)
+            for key, _ in ready.select(CLOSED_CHECK_PERIOD):
+                data = os.read(key.fd, READ_BYTES)
                 if not data:
                     ready.unregister(key.fd)
                 elif key.fd == metadata:
                     stream.metadata(data)
                 elif key.fd == errors:
-                    complaints = (complaints + data)[-TOLD:]
+                    complaints = (complaints + data)[-COMPLAINT_BYTES:]
                 else:
                     stream.picture(data)
             if output not in ready.get_map():
@@ -278,7 +278,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     with suppress(OSError):
         process.send_signal(SIGINT)
     try:
-        process.wait(ENDING)
+        process.wait(PROGRAM_END_PATIENCE)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()

@@ -25,20 +25,20 @@ from txt1.errors import HalError, Txt1Error
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 from txt1.link.base import Port
 from txt1.link.outages import Outage, OutagePort
-from txt1.link.silence import LONGEST
+from txt1.link.silence import LONGEST_PAUSE
 from txt1.sensors.base import Reading, Sensor, numbers
 from txt1.sensors.cut_bus import GIVES_UP, CutBus
 from txt1.telemetry.topics import Rule, Topic
 
 # s from opening to an outage
-BEGINS: Final = 4.0
+OUTAGE_BEGINS: Final = 4.0
 # s within which a sensor reads again when its device is back: the longest pause, and the time to begin
-BACK: Final = LONGEST + 5.0
+BACK: Final = LONGEST_PAUSE + 5.0
 # the most times a second that anything is written to a device that does not answer, on the average
 ASKS: Final = 5.0
 # readings whose mean is compared, and the share of the largest number by which a restart may change it
-COMPARED: Final = 5
-ALIKE: Final = 0.1
+COMPARED_READINGS: Final = 5
+RESTART_SHARE: Final = 0.1
 
 
 def in_an_outage(
@@ -54,7 +54,7 @@ def in_an_outage(
             ports: list[OutagePort] = []
 
             def wrapped(port: Port) -> Port:
-                ports.append(OutagePort(port, outage, BEGINS, lasts))
+                ports.append(OutagePort(port, outage, OUTAGE_BEGINS, lasts))
                 return ports[-1]
 
             sensor = self.behind(wrapped)
@@ -341,18 +341,18 @@ class SensorConformance(Conformance[Sensor[Any]]):
             promise(often <= ASKS, "Sensor", told)
         self.bus.restore()
         begun = self.now
-        while self.try_to_read() is None or self.now < begun + COMPARED * self.part.period:
+        while self.try_to_read() is None or self.now < begun + COMPARED_READINGS * self.part.period:
             await asyncio.sleep(self.part.period)
             promise(self.now < begun + BACK, "Sensor.read", "returns readings when the device is back")
         after = await self.means()
-        limit = ALIKE * max(map(abs, before.values()), default=0.0)
+        limit = RESTART_SHARE * max(map(abs, before.values()), default=0.0)
         for name, number in before.items():
             told = f"has {name} {number:.4g} as before the outage, not {after.get(name, 0.0):.4g}: the chip is at rest"
             promise(abs(after.get(name, 0.0) - number) <= limit, "Reading.value", told)
 
     async def means(self) -> dict[str, float]:
         """Return the means of the next readings' numbers."""
-        read = [numbers(self.part.topic, (await self.reading()).value) for _ in range(COMPARED)]
+        read = [numbers(self.part.topic, (await self.reading()).value) for _ in range(COMPARED_READINGS)]
         return {name: fmean(each[name] for each in read) for name in read[0] if all(name in each for each in read)}
 
     async def is_told_and_reads_on(self) -> None:
@@ -383,17 +383,17 @@ class SensorConformance(Conformance[Sensor[Any]]):
     async def reads_on(self, does: str = "is silent") -> None:
         """Check that the sensor reads until the outage and again after it, and does not flood a silent device."""
         await self.reading()
-        while self.now < BEGINS + self.part.period:
+        while self.now < OUTAGE_BEGINS + self.part.period:
             await asyncio.sleep(self.part.period)
             self.try_to_read()
-        wrote, ends = len(self.outage.written), BEGINS + self.lasts
+        wrote, ends = len(self.outage.written), OUTAGE_BEGINS + self.lasts
         last = None
         while last is None or last.time <= ends:
             await asyncio.sleep(self.part.period)
             last = self.try_to_read()
             told = f"but there was none in {BACK:g} s after the outage"
             promise(self.now < ends + BACK, "Sensor.read", f"returns readings when the device is back, {told}")
-        often = (len(self.outage.written) - wrote) / max(self.now - BEGINS, 1.0)
+        often = (len(self.outage.written) - wrote) / max(self.now - OUTAGE_BEGINS, 1.0)
         told = f"asks a device that {does} now and then, but wrote {often:.0f} times a second"
         promise(often <= ASKS, "Sensor", told)
 

@@ -14,7 +14,7 @@ RATE_NOISE: Final = 5.0
 # variance of a measurement
 MEASURED_NOISE: Final = 0.01
 # s without a pose after which the filter starts again
-GAP: Final = 0.5
+POSE_GAP_MAX: Final = 0.5
 
 
 class _Axis:
@@ -47,7 +47,7 @@ class Differentiator:
         """Take the pose at `time` (s); return speed (m/s, negative backwards) and yaw rate (rad/s), None at the
         first pose.
         """
-        if self._time is None or not 0.0 < time - self._time <= GAP:
+        if self._time is None or not 0.0 < time - self._time <= POSE_GAP_MAX:
             self._time, self._axes = time, (_Axis(x), _Axis(y), _Axis(theta))
             return None, None
         dt, self._time = time - self._time, time

@@ -20,7 +20,7 @@ T = TypeVar("T")
 Wait = Callable[[float], object]
 
 # s that the thread has to end
-ENDING: Final = 3.0
+THREAD_END_PATIENCE: Final = 3.0
 
 
 class Exposed(NamedTuple, Generic[T]):
@@ -81,7 +81,7 @@ class Frames(Generic[T]):
         self._over.set()
         thread, self._thread = self._thread, None
         if thread is not None:
-            await asyncio.to_thread(thread.join, ENDING)
+            await asyncio.to_thread(thread.join, THREAD_END_PATIENCE)
 
     def read(self, now: float) -> Reading[T] | None:
         """Return the newest frame; raises HalError if the source has failed or is at its end."""

@@ -24,9 +24,9 @@ CONFIDENCE: Final = 1.96
 LINE_MAX: Final = 65536
 DAY: Final = 86400.0  # s
 # s between a fix and the latest errors that belong to it
-FRESH: Final = 2.0
+ERRORS_AGE_MAX: Final = 2.0
 # m/s: below this speed a track has no meaning
-STILL: Final = 0.1
+TRACK_SPEED_MIN: Final = 0.1
 
 
 def seconds_of_day(stamp: str) -> float | None:
@@ -111,7 +111,7 @@ class GpsdDecoder(Codec[FixReading]):
             return None
         v, track, off = _number(report, "speed"), _number(report, "track"), _number(report, "epd")
         theta = None
-        if track is not None and v is not None and v > STILL:
+        if track is not None and v is not None and v > TRACK_SPEED_MIN:
             theta = wrap_angle(self.grid.direction(track, latitude, longitude))
         height = next((h for key in ("altMSL", "altHAE", "alt") if (h := _number(report, key)) is not None), None)
         seconds = _stamp(report)
@@ -153,7 +153,7 @@ class GpsdDecoder(Codec[FixReading]):
         sends none.
         """
         time, *errors = self._errors
-        if time is not None and seconds is not None and abs(seconds - time) > FRESH:
+        if time is not None and seconds is not None and abs(seconds - time) > ERRORS_AGE_MAX:
             return None, None
         x, y = (error if error is not None and error > 0.0 else None for error in errors)
         return x, y

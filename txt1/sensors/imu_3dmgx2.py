@@ -32,7 +32,7 @@ TICKS: Final = {"gx2": 19_660_800.0, "gx3": 62_500.0}
 LENGTHS: Final = {PLAIN: 67, MAGNETIC: 79, CONFIRMED: 8, IDENTIFIER: 20}
 GAUSS: Final = 1e-4  # T
 # larger accelerations in g and rates in rad/s are no measurements
-MOST: Final = 100.0
+MEASUREMENT_MAX: Final = 100.0
 
 # 3 x 3, row by row
 Matrix = tuple[float, ...]
@@ -119,7 +119,7 @@ class ImuDecoder(Framed[ImuReading]):
             self.identifier = frame[2:-2].decode("ascii", "replace").strip(" \0")
             return True
         *numbers, ticks = struct.unpack(f">{(len(frame) - 7) // 4}fI", frame[1:-2])
-        if not all(map(isfinite, numbers)) or max(map(abs, numbers[:6])) > MOST:
+        if not all(map(isfinite, numbers)) or max(map(abs, numbers[:6])) > MEASUREMENT_MAX:
             return False
         ax, ay, az, p, q, r, *rest = numbers
         magnetic = None

@@ -50,7 +50,7 @@ CHANGES: Final = 0.02
 # largest error of the length of a rotation's quaternion
 NORM_ERROR: Final = 0.01
 # rad/s, standard deviation of the rates before the chip knows their bias
-UNKNOWN: Final = 0.35
+BIAS_UNKNOWN: Final = 0.35
 SIGMA: Final = ImuSigma(rates=0.01, acceleration=1.0, attitude=0.03, heading=0.2)
 """Assumed."""
 
@@ -113,7 +113,7 @@ def is_set(bus: SensorBus, address: int) -> bool:
 def readings(given: Bno055Options, opened: Callable[[], SensorBus], wait: Wait) -> Iterator[ImuReading | None]:
     """Yield readings in the vehicle's axes, one in each period; raises HalError when the bus or the chip fails."""
     yaw, mount = given.mount.yaw, given.mount._replace(yaw=0.0)
-    unsure = given.sigma._replace(rates=max(UNKNOWN, given.sigma.rates or 0.0))
+    unsure = given.sigma._replace(rates=max(BIAS_UNKNOWN, given.sigma.rates or 0.0))
     turned, back = turning(yaw), (0.0, 0.0, -sin(0.5 * yaw), cos(0.5 * yaw))
     try:
         with closing(opened()) as bus:

@@ -37,7 +37,7 @@ FRAME_PERIOD: Final = 0.01
 # number of lost frames after which the rates are not known
 GAP_MAX: Final = 10
 # rad/s: the device measures 2000 degrees/s; whoever turns faster has started again
-MOST: Final = 35.0
+TURN_RATE_MAX: Final = 35.0
 
 
 def checksum(frame: bytes) -> int:
@@ -112,7 +112,7 @@ class RvcDecoder(Framed[ImuReading]):
         before, self._before = self._before, (index, orientation)
         if before is not None and 0 < (gap := (index - before[0]) & 0xFF) <= GAP_MAX:
             rates = rates_between(before[1], orientation, gap * FRAME_PERIOD)
-            if hypot(*rates) < MOST:
+            if hypot(*rates) < TURN_RATE_MAX:
                 force = c * ax - s * ay, s * ax + c * ay, az
                 reading = ImuReading(force, rates, orientation, None, self._mount, self._sigma)
                 found.append(Measured(reading, None, 0.5 * FRAME_PERIOD))

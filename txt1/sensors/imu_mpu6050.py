@@ -62,7 +62,7 @@ GRAVITY_SHARE: Final = 0.1
 # rad/s, largest bias: the data sheet's 20 degrees/s, and as much for the temperature
 BIAS_MAX: Final = 0.7
 # rad/s, standard deviation of the rates before the bias is known
-UNKNOWN: Final = 0.35
+BIAS_UNKNOWN: Final = 0.35
 
 
 class RestBias:
@@ -183,7 +183,7 @@ def readings(
     """
     rest = rest or RestBias()
     yaw, mount = given.mount.yaw, given.mount._replace(yaw=0.0)
-    unsure = given.sigma._replace(rates=max(UNKNOWN, given.sigma.rates or 0.0))
+    unsure = given.sigma._replace(rates=max(BIAS_UNKNOWN, given.sigma.rates or 0.0))
     turned = turning(yaw)
     try:
         with closing(opened()) as bus:

@@ -20,7 +20,7 @@ POINTS: Final = 12
 PACKET: Final = struct.Struct("<BBHH" + "HB" * POINTS + "HHB")
 HEAD: Final = b"\x54\x2c"
 # milliseconds at which the time stamp starts again at 0
-CLOCK: Final = 30000.0
+CLOCK_WRAP: Final = 30000.0
 # points of a turn: 4500 points a second at 10 turns a second
 BEAMS: Final = 450
 # table of the checksum, a CRC of eight bits
@@ -28,7 +28,7 @@ POLYNOMIAL: Final = 0x4D
 RANGE_MIN: Final = 0.02  # m
 RANGE_MAX: Final = 12.0  # m
 # degrees a second, the fastest turn
-SPEED_MAX: Final = 7200
+TURN_SPEED_MAX: Final = 7200
 
 
 def _table() -> tuple[int, ...]:
@@ -70,7 +70,7 @@ class Ld19Decoder(Framed[Scan]):
     def __init__(self, mount: Mount = LASER_MOUNT) -> None:
         super().__init__()
         self._mount = mount
-        self._clock = Unwrapped(CLOCK)
+        self._clock = Unwrapped(CLOCK_WRAP)
         # None until a turn begins
         self._ranges: np.ndarray[tuple[int], np.dtype[np.float32]] | None = None
         self._intensities = np.zeros(BEAMS, np.float32)
@@ -97,7 +97,7 @@ class Ld19Decoder(Framed[Scan]):
         A point that does not lie beyond the last point begins the next turn.
         """
         _, _, speed, start, *numbers, end, ms, _ = PACKET.unpack(packet)
-        if not 0 < speed <= SPEED_MAX or start >= 36000 or end >= 36000:
+        if not 0 < speed <= TURN_SPEED_MAX or start >= 36000 or end >= 36000:
             self.faults += 1
             return
         width = ((end - start) % 36000) / 100.0

@@ -73,7 +73,7 @@ MODES_SINCE: Final = (1, 24)
 RATES: Final = (115200, 256000, 460800, 1000000)
 # duty cycle of an A2's motor, of 1023, and turns a minute of an S-series: about 10 turns a second
 PWM: Final = 660
-SPEED: Final = 600
+MOTOR_TURNS: Final = 600
 # s until a stopped scanner is quiet, until an answer is missed, and until a scanner is there again after a reset
 QUIET: Final = 0.1
 MISSED: Final = 0.5
@@ -89,7 +89,7 @@ TURN_MAX: Final = 1.0
 # sound samples in a row after which a standard answer is in step again
 RUN: Final = 8
 # a head that turns so much faster between two packets than between the two before has lost packets
-JUMP: Final = 1.5
+LOST_PACKETS_FACTOR: Final = 1.5
 # a sample of an ultra answer that hit nothing
 NO_HIT: Final = (-512, 511)
 # the scale of distances in an ultra answer: from this number on, the distance of that number, mm, and the bits left out
@@ -259,7 +259,7 @@ class RplidarDecoder(Codec[Scan]):
             yield Question(command(MOTOR_PWM, struct.pack("<H", PWM)), None, QUIET)
         elif series >= 6:
             self.farewell = command(MOTOR_SPEED, struct.pack("<H", 0)) + self.farewell
-            yield Question(command(MOTOR_SPEED, struct.pack("<H", SPEED)), None, QUIET)
+            yield Question(command(MOTOR_SPEED, struct.pack("<H", MOTOR_TURNS)), None, QUIET)
         told = yield Question(command(SAMPLE_TIMES), SAMPLE_TIMES_TOLD, MISSED)
         if told is not None:
             self._sample = float(int.from_bytes(told[:2], "little")) or SAMPLE_DEFAULT
@@ -358,7 +358,7 @@ class RplidarDecoder(Codec[Scan]):
         if before is not None and not first:
             begin, _ = head(before)
             span = (start - begin) % 360.0
-            if span <= JUMP * self._span:
+            if span <= LOST_PACKETS_FACTOR * self._span:
                 mm, early = distances(self._kind, before, whole)
                 self._sweep(begin, span / len(mm), mm, early, found)
             self._span = span

@@ -20,11 +20,11 @@ from txt1.sensors.stream import Codec, Measured, Streamed, Unwrapped
 from txt1.units import NotNegative, PositiveInt
 
 # characters of a line of data
-BLOCK: Final = 64
+LINE_CHARACTERS: Final = 64
 # milliseconds at which the time stamp starts again at 0
-CLOCK: Final = 2.0**24
+CLOCK_WRAP: Final = 2.0**24
 # bytes of the longest answer: 1081 ranges take 3500
-ANSWER_MAX: Final = 20000
+ANSWER_BYTES_MAX: Final = 20000
 # the command that serves a virtual scanner
 SERVER: Final = "txt1 sensor virtual laser"
 # rates of a scanner's first mode, bits a second
@@ -95,13 +95,13 @@ class ScipDecoder(Codec[Scan]):
         self.parameters = Parameters()
         """The scanner's parameters, as reported."""
         self._cluster, self._mount = cluster, mount
-        self._clock = Unwrapped(CLOCK)
+        self._clock = Unwrapped(CLOCK_WRAP)
         self._request = b""
 
     def feed(self, data: bytes) -> list[Measured[Scan]]:
         """Take bytes; return the scans that they complete. Raises HalError if the scanner reports a hardware fault."""
         *answers, self._rest = (self._rest + data).replace(b"\r", b"").split(b"\n\n")
-        if len(self._rest) > ANSWER_MAX:
+        if len(self._rest) > ANSWER_BYTES_MAX:
             self._rest = b""
             self.faults += 1
         found = []

@@ -46,7 +46,7 @@ FIXED: Final = struct.Struct("<2sBBHHH")
 # of a packet's type: it begins a turn
 RING: Final = 1
 # s between the two commands
-STOPPED: Final = 0.1
+COMMAND_PAUSE: Final = 0.1
 # s without a turn after which it is greeted again: the motor takes its time
 TURN_PATIENCE: Final = 5.0
 # degrees that a whole turn is swept, at least and at most
@@ -100,7 +100,7 @@ class YdlidarDecoder(Framed[Scan]):
     def __init__(self, model: YdlidarModel, mount: Mount = LASER_MOUNT) -> None:
         super().__init__(STOP_COMMAND if model.commands else b"", STOP_COMMAND if model.commands else b"")
         self._model, self._mount = model, mount
-        self.pause = STOPPED if model.commands else None
+        self.pause = COMMAND_PAUSE if model.commands else None
         # samples of this turn, degrees and mm; None until a turn begins
         self._samples: list[tuple[Numbers, Numbers]] | None = None
         # degrees that this turn was swept, and the last sample's

@@ -36,7 +36,7 @@ LIGHT: Final = declare(
 # distinguishes the random values of simulated light sensors
 STREAM: Final = 3
 # mean reading of the compass that stands in for the four sensors, lux
-BASE: Final = 100.0
+MEAN_LIGHT: Final = 100.0
 # the readings (lux) of a vehicle at a pose in the room, m and rad
 See = Callable[[Pose], Readings]
 
@@ -88,7 +88,9 @@ def compass(light: tuple[float, float]) -> See:
         x, y, theta = pose
         bearing = wrap_angle(atan2(light[1] - y, light[0] - x) - theta)
         front, left = cos(bearing) / SENSOR_Y, sin(bearing) / SENSOR_X
-        return Readings(BASE + front + left, BASE + front - left, BASE - front + left, BASE - front - left)
+        return Readings(
+            MEAN_LIGHT + front + left, MEAN_LIGHT + front - left, MEAN_LIGHT - front + left, MEAN_LIGHT - front - left
+        )
 
     return see
 

@@ -8,7 +8,7 @@ from math import cos, sin
 from typing import Any, Final, TypeVar
 
 from txt1.sensors.readings import (
-    BASE,
+    BASE_HEIGHT,
     CAMERA_MOUNT,
     GPS_MOUNT,
     IMU_MOUNT,
@@ -64,9 +64,9 @@ def optical(link: str) -> str:
 
 def mounted(mounts: Mounts) -> dict[str, Any]:
     """Return the fields of a TFMessage: base_link, and the sensors at their places."""
-    found = [transform("base_footprint", "base_link", (0.0, 0.0, BASE))]
+    found = [transform("base_footprint", "base_link", (0.0, 0.0, BASE_HEIGHT))]
     for name, mount in mounts:
-        found.append(transform("base_link", name, (mount.x, mount.y, mount.z - BASE), mount.yaw))
+        found.append(transform("base_link", name, (mount.x, mount.y, mount.z - BASE_HEIGHT), mount.yaw))
         if name.endswith("camera_link"):
             found.append(transform(name, optical(name), (0.0, 0.0, 0.0)))
     return {"transforms": found}

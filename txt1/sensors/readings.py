@@ -43,11 +43,11 @@ class Mount(NamedTuple):
 
 
 # height of base_link over the floor, m
-BASE: Final = 0.14605
-IMU_MOUNT: Final = Mount(-0.1016, 0.0, BASE + 0.3187)
-GPS_MOUNT: Final = Mount(-0.0762, 0.0, BASE + 0.3492)
-LASER_MOUNT: Final = Mount(0.1905, 0.0, BASE + 0.1435)
-CAMERA_MOUNT: Final = Mount(0.1448, 0.0, BASE + 0.2832)
+BASE_HEIGHT: Final = 0.14605
+IMU_MOUNT: Final = Mount(-0.1016, 0.0, BASE_HEIGHT + 0.3187)
+GPS_MOUNT: Final = Mount(-0.0762, 0.0, BASE_HEIGHT + 0.3492)
+LASER_MOUNT: Final = Mount(0.1905, 0.0, BASE_HEIGHT + 0.1435)
+CAMERA_MOUNT: Final = Mount(0.1448, 0.0, BASE_HEIGHT + 0.2832)
 TRACKER_MOUNT: Final = Mount()
 ALL_ROUND: Final = 5.5
 """rad of a sweep from which a scanner turns all round: others see 270 degrees."""

@@ -14,7 +14,7 @@ from txt1.sensors.simulated_sensor import Absences, SimulatedSensor, random_of, 
 from txt1.units import NotNegative, Positive
 
 # m/s: below this speed it has no direction
-STILL = 0.1
+TRACK_SPEED_MIN = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class SimulatedGps(SimulatedSensor[FixReading]):
         vx, vy = (x - x0) / dt + errors.speed_noise * three, (y - y0) / dt + errors.speed_noise * four
         x, y = x + self._slow[0] + errors.noise * five, y + self._slow[1] + errors.noise * six
         v = hypot(vx, vy) if dt < inf else None
-        theta = wrap_angle(atan2(vy, vx)) if v is not None and v > STILL else None
+        theta = wrap_angle(atan2(vy, vx)) if v is not None and v > TRACK_SPEED_MIN else None
         sigma = hypot(errors.noise, errors.slow)
         return Reading(
             now,

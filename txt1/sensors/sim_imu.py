@@ -13,7 +13,7 @@ from txt1.sensors.simulated_sensor import SimulatedSensor, random_of, true_pose
 from txt1.units import GRAVITY, NotNegative, Positive
 
 # m/s: a faster vehicle was carried
-JUMP = 5.0
+CARRIED_SPEED = 5.0
 Attitude = Callable[[], tuple[float, float]]
 
 
@@ -106,7 +106,7 @@ class SimulatedImu(SimulatedSensor[ImuReading]):
         first, second = t1 - t0, t2 - t1
         vx0, vy0, w0 = (x1 - x0) / first, (y1 - y0) / first, wrap_angle(theta1 - theta0) / first
         vx1, vy1, w1 = (x2 - x1) / second, (y2 - y1) / second, wrap_angle(theta2 - theta1) / second
-        if hypot(vx0, vy0) > JUMP or hypot(vx1, vy1) > JUMP:
+        if hypot(vx0, vy0) > CARRIED_SPEED or hypot(vx1, vy1) > CARRIED_SPEED:
             return None
         whole, half = t2 - t0, 0.5 * (t2 - t0)
         ax, ay, alpha = (vx1 - vx0) / half, (vy1 - vy0) / half, (w1 - w0) / half

@@ -22,9 +22,9 @@ T = TypeVar("T")
 SILENT_PERIODS: Final = 20
 SILENT_MIN: Final = 2.0
 # largest share by which a device's clock may be fast
-DRIFT: Final = 1e-4
+DEVICE_CLOCK_DRIFT: Final = 1e-4
 # s: a device's clock with a larger error has started again
-LOST: Final = 1.0
+CLOCK_ERROR_MAX: Final = 1.0
 
 
 class Measured(NamedTuple, Generic[T]):
@@ -121,10 +121,10 @@ class DeviceClock:
         if device is None:
             return arrived
         late = arrived - device - self._offset
-        if device < self._last or late > LOST:
+        if device < self._last or late > CLOCK_ERROR_MAX:
             self._offset = inf
         elif self._offset < inf:
-            self._offset += DRIFT * (device - self._last)
+            self._offset += DEVICE_CLOCK_DRIFT * (device - self._last)
         self._offset = min(self._offset, arrived - device)
         self._last = device
         return device + self._offset

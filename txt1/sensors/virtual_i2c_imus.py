@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from math import cos, degrees, sin
 
 from txt1.sensors.readings import STANDARD_GRAVITY
-from txt1.sensors.virtual_mpu6050 import FULL, Mpu6050Chip
+from txt1.sensors.virtual_mpu6050 import COUNTS_FULL, Mpu6050Chip
 
 
 class Icm20948Chip(Mpu6050Chip):
@@ -46,7 +46,7 @@ class Icm20948Chip(Mpu6050Chip):
         told = zip(self.rates, self.bias, strict=True)
         words += [degrees(w + b) / degree_range + self._rng.gauss(0.0, 0.00005) for w, b in told]
         for k, word in enumerate(words):
-            count = min(max(round(word * FULL), -32768), 32767) if awake else 0
+            count = min(max(round(word * COUNTS_FULL), -32768), 32767) if awake else 0
             self.banks[0][0x2D + 2 * k : 0x2F + 2 * k] = (count & 0xFFFF).to_bytes(2, "big")
 
 

@@ -5,7 +5,7 @@ from typing import Final
 
 from txt1.sensors import laser_ld19
 from txt1.sensors.base import Reading
-from txt1.sensors.laser_scip import BLOCK, check_character, encode
+from txt1.sensors.laser_scip import LINE_CHARACTERS, check_character, encode
 from txt1.sensors.readings import Scan
 from txt1.sensors.virtual_sensor import Talker, VirtualSensor
 
@@ -22,7 +22,7 @@ VERSION: Final = {
 }
 FIRST, LAST, FRONT = (int(PARAMETERS[name]) for name in ("AMIN", "AMAX", "AFRT"))
 # range for "nothing in reach", mm: values below DMIN are error codes
-NOTHING: Final = 0
+NOTHING_IN_REACH: Final = 0
 
 
 def line(text: bytes) -> bytes:
@@ -107,8 +107,8 @@ class VirtualScip(VirtualSensor):
         text = b""
         for start in range(first, last + 1 - cluster + 1, cluster):
             mm = [range_at(scan, (step - FRONT) * tau / 1024.0) for step in range(start, start + cluster)]
-            text += encode(min((each for each in mm if each), default=NOTHING), width)
-        blocks = (text[at : at + BLOCK] for at in range(0, len(text), BLOCK))
+            text += encode(min((each for each in mm if each), default=NOTHING_IN_REACH), width)
+        blocks = (text[at : at + LINE_CHARACTERS] for at in range(0, len(text), LINE_CHARACTERS))
         return line(encode(round(reading.time * 1000.0) % (1 << 24), 4)) + b"".join(map(line, blocks))
 
 
@@ -118,9 +118,9 @@ def range_at(scan: Scan, angle: float) -> int:
     """
     index = round((angle - scan.angle_min) / scan.angle_step)
     if not 0 <= index < len(scan.ranges):
-        return NOTHING
+        return NOTHING_IN_REACH
     value = float(scan.ranges[index])
-    return round(value * 1000.0) if isfinite(value) else NOTHING
+    return round(value * 1000.0) if isfinite(value) else NOTHING_IN_REACH
 
 
 def ld19() -> Talker:

@@ -13,7 +13,7 @@ from random import Random
 from txt1.sensors.readings import STANDARD_GRAVITY, Vector
 
 # counts at full scale
-FULL: float = 32768.0
+COUNTS_FULL: float = 32768.0
 
 
 class Mpu6050Chip:
@@ -73,7 +73,7 @@ class Mpu6050Chip:
         told = zip(self.rates, self.bias, strict=True)
         words += [degrees(w + b) / degree_range + self._rng.gauss(0.0, 0.00005) for w, b in told]
         for k, word in enumerate(words):
-            count = min(max(round(word * FULL), -32768), 32767) if awake else 0
+            count = min(max(round(word * COUNTS_FULL), -32768), 32767) if awake else 0
             self.registers[0x3B + 2 * k : 0x3D + 2 * k] = (count & 0xFFFF).to_bytes(2, "big")
 
 

@@ -1,7 +1,7 @@
 """A virtual rpicam-vid: ``python -m txt1.sensors.virtual_rpicam --codec mjpeg --timeout 0 --output - ...``.
 
 It takes the options of rpicam-vid that a program needs, writes pictures and metadata in its order, and shows a bar that
-goes to the right. A time stamp is that of the exposure, `DELAY` s before the picture is written.
+goes to the right. A time stamp is that of the exposure, `READ_OUT_DELAY` s before the picture is written.
 """
 
 import argparse
@@ -18,16 +18,16 @@ from txt1.kernel.clock import RealClock
 from txt1.sensors.camera import jpeg
 
 # s from exposure to output, as through the sensor's read-out and the image processor
-DELAY: Final = 0.06
+READ_OUT_DELAY: Final = 0.06
 # s of an exposure
 EXPOSURE: Final = 0.01
 # pictures in which the bar passes the picture
-TURN: Final = 64
+BAR_PERIOD: Final = 64
 # brightness of the ground and of the bar
 GROUND: Final = 40
 BAR: Final = 220
 # ms for a time-out of 0
-ENDLESS: Final = 10**9
+NO_TIME_OUT: Final = 10**9
 # of a program that fails
 FAILED: Final = 255
 
@@ -65,13 +65,13 @@ def options() -> RpicamOptions:
 def drawn(given: argparse.Namespace, number: int) -> NDArray[np.uint8]:
     """Return a grey picture (height, width) whose bar stands at `bar`."""
     picture = np.full((given.height, given.width), GROUND, np.uint8)
-    picture[:, round(bar(number) * given.width) :][:, : max(given.width // TURN, 1)] = BAR
+    picture[:, round(bar(number) * given.width) :][:, : max(given.width // BAR_PERIOD, 1)] = BAR
     return picture[::-1, ::-1] if given.rotation else picture
 
 
 def bar(number: int) -> float:
     """Return the place of the bar's left edge in a picture, as a share of the width."""
-    return number % TURN / TURN
+    return number % BAR_PERIOD / BAR_PERIOD
 
 
 def encoded(given: argparse.Namespace, number: int) -> bytes:
@@ -101,15 +101,15 @@ def told(timestamp: int, form: str, first: bool) -> bytes:
 
 
 def film(given: argparse.Namespace, output: BinaryIO, metadata: BinaryIO) -> None:
-    """Write pictures at their rate, each `DELAY` s after its exposure."""
+    """Write pictures at their rate, each `READ_OUT_DELAY` s after its exposure."""
     now, wait = RealClock().now_ns, Event().wait
     period, began, number, first = round(1e9 / given.framerate), now(), 0, True
-    ends = began + (given.timeout or ENDLESS) * 1_000_000
+    ends = began + (given.timeout or NO_TIME_OUT) * 1_000_000
     while now() < ends and not 0 < given.frames <= number:
         # a camera drops what is not fetched in time
         number = max(number, (now() - began) // period - 1)
         exposed = began + number * period
-        wait(max(0.0, (exposed - now()) / 1e9 + DELAY))
+        wait(max(0.0, (exposed - now()) / 1e9 + READ_OUT_DELAY))
         output.write(encoded(given, number))
         if given.flush:
             output.flush()

@@ -21,9 +21,9 @@ DESIRED_SPEED: Final = 0x01
 # samples of a packet
 SAMPLES: Final = {wire.CAPSULE: 32, wire.ULTRA: 96, wire.DENSE: 40}
 # turns a second
-TURNS: Final = 10
+TURN_RATE: Final = 10
 # angle by which every express sample is early, degrees
-EARLY: Final = 1.0
+SAMPLE_EARLY: Final = 1.0
 # quality of a standard sample, of 63
 QUALITY: Final = 47
 # samples of a turn of the standard mode
@@ -103,7 +103,7 @@ class VirtualRplidar(VirtualSensor):
         elif name == wire.HEALTH:
             self._answer(wire.HEALTH_TOLD, struct.pack("<BH", wire.FAULTY if self._ill else 0, 7 if self._ill else 0))
         elif name == wire.SAMPLE_TIMES:
-            times = 1_000_000 // (TURNS * STANDARD_SAMPLES), round(self._sample_time(1))
+            times = 1_000_000 // (TURN_RATE * STANDARD_SAMPLES), round(self._sample_time(1))
             self._answer(wire.SAMPLE_TIMES_TOLD, struct.pack("<HH", *times))
         elif name == BOARD_FLAG:
             self._answer(BOARD_FLAG, struct.pack("<I", self._kind.model >> 4 in (2, 3)))
@@ -127,7 +127,7 @@ class VirtualRplidar(VirtualSensor):
 
     def _sample_time(self, mode: int) -> float:
         """Return the time of a sample, us."""
-        return 1e6 / (TURNS * (self._kind.samples if mode else STANDARD_SAMPLES))
+        return 1e6 / (TURN_RATE * (self._kind.samples if mode else STANDARD_SAMPLES))
 
     def _tell(self, given: bytes) -> None:
         """Tell a setting."""
@@ -139,7 +139,7 @@ class VirtualRplidar(VirtualSensor):
             wire.DISTANCE: struct.pack("<I", round(self._kind.reach * 256.0)),
             wire.FORM: bytes((self._kind.form if mode else wire.STANDARD,)),
             NAME: (self._kind.name if mode else b"Standard") + b"\0",
-            DESIRED_SPEED: struct.pack("<HH", wire.SPEED, wire.PWM),
+            DESIRED_SPEED: struct.pack("<HH", wire.MOTOR_TURNS, wire.PWM),
         }.get(asked)
         if told is not None:
             self._answer(wire.SETTING_TOLD, given[:4] + told)
@@ -190,7 +190,7 @@ def turn(form: int, samples: int, scan: Scan, first: bool) -> bytes:
     elif form == wire.DENSE:
         packed = np.minimum(seen(scan, turned), 0xFFFF).astype("<u2").tobytes()
     else:
-        packed = cabins(np.minimum(seen(scan, turned - EARLY), 0x3FFF))
+        packed = cabins(np.minimum(seen(scan, turned - SAMPLE_EARLY), 0x3FFF))
     length = wire.LENGTHS[form] - 4
     for k in range(samples // size):
         start = float(turned[k * size])
@@ -200,7 +200,7 @@ def turn(form: int, samples: int, scan: Scan, first: bool) -> bytes:
 
 def cabins(mm: Whole) -> bytes:
     """Return the samples of express packets, in pairs."""
-    early = round(EARLY * 8.0)
+    early = round(SAMPLE_EARLY * 8.0)
     near = mm << 2 | early >> 4
     return b"".join(
         struct.pack("<HHB", int(near[k]), int(near[k + 1]), early & 0xF | (early & 0xF) << 4)

@@ -20,13 +20,13 @@ from txt1.sensors.virtual_rplidar import seen
 from txt1.sensors.virtual_sensor import VirtualSensor
 
 # turns a second
-TURNS: Final = 10
+TURN_RATE: Final = 10
 # samples of a packet
-SAMPLES: Final = 40
+PACKET_SAMPLES: Final = 40
 # of the search for what a sample sees: mm at first, steps, and mm by which the last may differ
-FAR: Final = 1e6
+SEARCH_FROM: Final = 1e6
 SEARCHES: Final = 6
-SETTLED: Final = 50.0
+SEARCH_SETTLED: Final = 50.0
 # answers to A5 90 and A5 91: model 6, firmware 1.5, hardware 1, a serial number; well
 INFO: Final = b"\xa5\x5a\x14\x00\x00\x00\x04" + bytes((6, 5, 1, 1)) + bytes(range(16))
 HEALTH: Final = b"\xa5\x5a\x03\x00\x00\x00\x06" + bytes(3)
@@ -67,23 +67,23 @@ class VirtualYdlidar(VirtualSensor):
             return
         heads, mm = self.turn(reading.value)
         raw = np.rint(mm * (4.0 if self._model.triangulates else 1.0))
-        data = packet(RING | (TURNS * 10 << 1 if self._tells else 0), float(heads[0]), float(heads[0]), raw[:1])
-        for at in range(1, len(raw), SAMPLES):
-            part = heads[at : at + SAMPLES]
-            data += packet(0, float(part[0]), float(part[-1]), raw[at : at + SAMPLES])
+        data = packet(RING | (TURN_RATE * 10 << 1 if self._tells else 0), float(heads[0]), float(heads[0]), raw[:1])
+        for at in range(1, len(raw), PACKET_SAMPLES):
+            part = heads[at : at + PACKET_SAMPLES]
+            data += packet(0, float(part[0]), float(part[-1]), raw[at : at + PACKET_SAMPLES])
         self.send(data)
 
     def turn(self, scan: Scan) -> tuple[Numbers, Numbers]:
         """Return the turns of the head of a turn's samples, degrees, and their distances, mm."""
-        count = round(self._model.rate / TURNS)
+        count = round(self._model.rate / TURN_RATE)
         heads: Numbers = 360.0 / count * np.arange(count, dtype=float)
         if not self._model.triangulates:
             return heads, seen(scan, heads).astype(float)
         # where something is seen, the ray depends on its distance
-        mm: Numbers = np.full(count, FAR)
+        mm: Numbers = np.full(count, SEARCH_FROM)
         for _ in range(SEARCHES):
-            before, mm = mm, seen(scan, heads + corrections(np.where(mm > 0.0, mm, FAR))).astype(float)
-        told: Numbers = np.where(abs(mm - before) < SETTLED, np.minimum(mm, 0xFFFF / 4.0), 0.0)
+            before, mm = mm, seen(scan, heads + corrections(np.where(mm > 0.0, mm, SEARCH_FROM))).astype(float)
+        told: Numbers = np.where(abs(mm - before) < SEARCH_SETTLED, np.minimum(mm, 0xFFFF / 4.0), 0.0)
         return heads, told
 
 

@@ -33,11 +33,11 @@ KINDS: Final[tuple[Kind, ...]] = ("laser", "camera", "light", "odometry")
 Count = Annotated[int, Ge(1), Le(4096)]
 Window = tuple[Annotated[int, Ge(1), Le(15)], Annotated[int, Ge(1), Le(15)]]
 
-RAYS: Final = 108
+RAYS_MAX: Final = 108
 """Largest number of a laser's rays."""
 PICTURE: Final = (30, 40)
 """Rows and columns of a picture."""
-HORIZON: Final = 0.4
+HORIZON_SHARE: Final = 0.4
 """Share of a picture's height above the horizon, which is left out."""
 PIXELS_MAX: Final = 4096 * 4096
 """A picture larger than this is not unpacked."""
@@ -76,7 +76,7 @@ class Sight:
     """
     mount: tuple[float, ...] = ()
     """Place of the device: x, y, z (m) and yaw (rad)."""
-    top: Annotated[float, Ge(0.0), Le(0.9)] = HORIZON
+    top: Annotated[float, Ge(0.0), Le(0.9)] = HORIZON_SHARE
     """Share of a camera's picture that is left out above."""
 
     @property
@@ -97,7 +97,7 @@ def sight_of(kind: Kind, sensor: str, value: Any) -> Sight:
         case "laser", Scan():
             beams = len(value.ranges)
             device = float(beams), value.angle_min, value.angle_step
-            rays = min(RAYS, beams)
+            rays = min(RAYS_MAX, beams)
             if rays < 40:
                 raise Unfit(f"'{sensor}' has {beams} beams; a laser needs at least 40 to be learned from")
             return Sight("laser", sensor, (1, rays, 1), LASER_TRUNK, device=device, mount=tuple(value.mount))

@@ -46,13 +46,13 @@ from txt1.telemetry import exact
 
 HAND: Final = 30
 """Least priority of a human's source of commands."""
-RATE: Final = 20.0
+LESSON_RATE: Final = 20.0
 """Lessons a second at most."""
 SPEED_MIN: Final = 0.05
 """m/s; slower motion is not driving."""
 BEFORE_STOP: Final = 1.0
 """s before a stop or a disarming that are left out."""
-GAP: Final = 0.5
+LESSON_TIME_MAX: Final = 0.5
 """s: the longest time that a lesson counts for, if readings are missing."""
 TAKEOVER: Final = 3.0
 """s after a take-over that count more."""
@@ -67,7 +67,7 @@ BETWEEN: Final = 60.0
 
 TUB_VEHICLE: Final = "donkeycar"
 """The car of a tub of donkeycar."""
-LAG: Final = 0.2
+HUMAN_LAG: Final = 0.2
 """s by which a human's commands follow the sight, as in models of drivers."""
 
 _MESSAGES: Final = {
@@ -107,7 +107,7 @@ def drive_in(
     asks: Sequence[Ask],
     also: Collection[str] = (),
     robot: str | None = None,
-    lag: float = LAG,
+    lag: float = HUMAN_LAG,
     vehicle: str = TUB_VEHICLE,
 ) -> HumanDrive:
     """Return the lessons of a recording, or of a tub of donkeycar of a `vehicle`; the human reacts after `lag` s.
@@ -202,7 +202,7 @@ class _Reader:
             self._lost = now
         if is_hand(name, self.also):
             # a policy that stood, or released the wheel a moment ago, counts as taken over, too
-            self._overruled = now - self._lost < GAP
+            self._overruled = now - self._lost < LESSON_TIME_MAX
             self._takeovers += self._overruled
             self._taken = now
 
@@ -244,8 +244,8 @@ class _Reader:
 
     def _moment(self, now: float) -> None:
         """Take a reading of the first sensor: make it a lesson, or leave it out."""
-        seconds = min(now - self._before, GAP) if self._before > -1e8 else 0.0
-        if now - self._before < 1.0 / RATE - 1e-4:
+        seconds = min(now - self._before, LESSON_TIME_MAX) if self._before > -1e8 else 0.0
+        if now - self._before < 1.0 / LESSON_RATE - 1e-4:
             return
         self._before = now
         reason = self._reason(now)
@@ -282,7 +282,7 @@ class _Reader:
         if self._command[0] < SPEED_MIN:
             return "stood"
         for ask in self.asks:
-            if ask.kind != "odometry" and now - self._latest.get(ask.kind, (-1e9, None))[0] > GAP:
+            if ask.kind != "odometry" and now - self._latest.get(ask.kind, (-1e9, None))[0] > LESSON_TIME_MAX:
                 return f"no {ask.kind}"
         return ""
 

@@ -46,15 +46,15 @@ POLICY: Final = "policy"
 """The name of the source of commands, in recordings too."""
 TICK: Final = 0.02
 """s between two commands."""
-LATE: Final = 0.3
+READING_LATE: Final = 0.3
 """s without a reading, or three periods of the sensor if they are longer, after which it stands."""
 FROZEN: Final = 0.5
 """s of the same reading, to the last bit, after which it stands if the car is moving."""
-MOVES: Final = 0.1
+STANDING_SPEED: Final = 0.1
 """m/s; a slower car counts as standing."""
-SMOOTH: Final = 5
+DOUBTS_AVERAGED: Final = 5
 """Number of judgements whose mean doubt is used."""
-EARLY: Final = 0.9
+ASK_AGAIN_SHARE: Final = 0.9
 """Share of its period after which a policy from elsewhere is asked again: sensors are not punctual."""
 STOPPED: Final = "the robot was stopped; the policy goes on when it is armed anew (press m)"
 
@@ -124,13 +124,13 @@ class Pilot:
         self._robot = robot
         self._source = robot.source(POLICY)
         self._first = robot.sensors[card.sees[0].sensor]
-        self._late = max(LATE, 3.0 * self._first.period)
+        self._late = max(READING_LATE, 3.0 * self._first.period)
         self._thread = ThreadPoolExecutor(1, "txt1 policy")
         self._newest: Reading[Any] | None = None
         self._judging: tuple[float, asyncio.Future[Judgement]] | None = None
         self._judged = -inf
         self._look = Judgement(0.0, 0.0, 0.0)
-        self._doubts: deque[float] = deque(maxlen=SMOOTH)
+        self._doubts: deque[float] = deque(maxlen=DOUBTS_AVERAGED)
         self._doubting = False
         self._same: tuple[Any, float] = (None, 0.0)
         """The bytes of the last reading, and the time since which they are the same."""
@@ -168,7 +168,7 @@ class Pilot:
         if self._judging is not None or self._failed:
             return
         # one from elsewhere is asked at its own rate, if the sensor is quicker
-        if isinstance(self.policy, ForeignPolicy) and now - self._judged < EARLY / self.policy.card.rate:
+        if isinstance(self.policy, ForeignPolicy) and now - self._judged < ASK_AGAIN_SHARE / self.policy.card.rate:
             return
         values = []
         for sight in self.policy.card.sees:
@@ -249,7 +249,7 @@ class Pilot:
         if now - self._judged > self._late:
             return f"'{self._first.name}' is late: no reading for {self._late:g} s"
         stays = now - self._same[1] > max(FROZEN, 2.5 * self._first.period)
-        self._frozen = stays and (self._frozen or abs(self._robot.odometry.v) > MOVES)
+        self._frozen = stays and (self._frozen or abs(self._robot.odometry.v) > STANDING_SPEED)
         if self._frozen:
             return f"'{self._first.name}' is frozen: the same reading again and again while the car moves"
         return ""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 WORST: Final = 6
 """Number of moments shown."""
-APART: Final = 2.0
+MOMENTS_APART: Final = 2.0
 """Smallest time between two of them, s."""
 COLOURS: Final = ("#0072B2", "#E69F00", "#009E73", "#D55E00")
 
@@ -77,11 +77,11 @@ def _curves(lesson: Lesson, file: Path) -> None:
 
 
 def worst(lesson: Lesson) -> list[int]:
-    """Return the times at which the policy differed most from the human, the worst first, each `APART` from others."""
+    """Return the times at which the policy differed most from the human, the worst first, `MOMENTS_APART` apart."""
     held = lesson.judged
     times, found = held.lessons.times, list[int]()
     for index in np.argsort(-np.abs(held.errors[:, 0])):
-        if all(abs(times[index] - times[other]) >= APART for other in found):
+        if all(abs(times[index] - times[other]) >= MOMENTS_APART for other in found):
             found.append(int(index))
         if len(found) == WORST:
             break

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from txt1.errors import RecordingError
 from txt1.teaching.human_drive import HumanDrive
-from txt1.teaching.lessons import LAG, Ask, drive_in, sha256_of, together
+from txt1.teaching.lessons import HUMAN_LAG, Ask, drive_in, sha256_of, together
 from txt1.teaching.policy import FORMAT, Card, Policy, digest
 from txt1.teaching.training import Ensemble, Judged, Progress, Recipe, judged, train
 from txt1.version import __version__
@@ -23,9 +23,9 @@ FOLDS: Final = 4
 """Number of blocks of time that are held out in turn."""
 HELD_GAP: Final = 1.0
 """s beside a held-out block that are not taught."""
-SURE: Final = 0.98
+SURE_SHARE: Final = 0.98
 """Share of the held-out times at which a policy should drive at full speed."""
-STOP: Final = 3.0
+STOP_DOUBT: Final = 3.0
 """Doubt at which it stands, as a multiple of the doubt from which it drives slower."""
 
 Told = Callable[[str, Progress], None]
@@ -65,7 +65,7 @@ def _policy(drives: Sequence[HumanDrive], recipe: Recipe, made: str, held: Judge
     larger = float(np.sqrt((1.0 - 1.0 / many) / (1.0 - 1.0 / few))) if min(few, many) > 1 else 1.0
     # a disagreement below the usual error is no reason for doubt
     error = float(np.sqrt(np.mean(held.errors[:, 0] ** 2)))
-    slow = max(larger * float(np.quantile(held.doubts, SURE)), error, 1e-3)
+    slow = max(larger * float(np.quantile(held.doubts, SURE_SHARE)), error, 1e-3)
     sights = tuple(
         replace(sight, mean=tuple(map(float, norm.mean)), deviation=tuple(map(float, norm.deviation)))
         for sight, norm in zip(drives[0].sights, ensemble.norms, strict=True)
@@ -80,7 +80,7 @@ def _policy(drives: Sequence[HumanDrive], recipe: Recipe, made: str, held: Judge
         drives[0].v_max,
         drives[0].radius_min,
         slow,
-        STOP * slow,
+        STOP_DOUBT * slow,
         drives[0].vehicle,
         tuple(each.taught for each in drives),
         held.results() | {"parameters": float(many * card_parameters(ensemble))},
@@ -94,7 +94,7 @@ def card_parameters(ensemble: Ensemble) -> int:
     return ensemble.networks[0].shape.parameters
 
 
-def earlier(policy: Policy, also: Collection[str] = (), lag: float = LAG) -> list[HumanDrive]:
+def earlier(policy: Policy, also: Collection[str] = (), lag: float = HUMAN_LAG) -> list[HumanDrive]:
     """Return the recordings from which a policy was taught; raises RecordingError: one is missing, or has changed."""
     asks = [Ask(sight.kind, sight.sensor) for sight in policy.card.sees]
     found = []

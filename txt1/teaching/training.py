@@ -25,9 +25,9 @@ from txt1.teaching.onnx_file import Norm
 from txt1.teaching.policy import doubts, normalised
 
 Array = NDArray[np.float32]
-SCALE: Final = 2.0
+SCALE_MAX: Final = 2.0
 """Largest factor by which a world is scaled up or down, if lessons are scaled."""
-FULL: Final = 0.98
+FULL_SPEED_SHARE: Final = 0.98
 """Share of the fastest speed from which a human might have driven faster still, if that had been allowed."""
 HABIT: Final = 0.5
 """Disturbance of odometry in training, as a share of its deviation. A car mostly goes on turning as it turns, so a
@@ -233,8 +233,8 @@ def _scaled(
 
     A lesson at the top speed is taken to larger worlds only: in a smaller one, the human might drive just as fast.
     """
-    size = (SCALE ** rng.uniform(-1.0, 1.0, len(commands))).astype(np.float32)
-    size = np.where(commands[:, 1] > FULL, np.maximum(size, 1.0 / size), size)
+    size = (SCALE_MAX ** rng.uniform(-1.0, 1.0, len(commands))).astype(np.float32)
+    size = np.where(commands[:, 1] > FULL_SPEED_SHARE, np.maximum(size, 1.0 / size), size)
     found = []
     for _, part, norm in zip(sights, parts, norms, strict=True):
         share = (part * norm.deviation + norm.mean).clip(0.0, 1.0)

@@ -44,11 +44,11 @@ from txt1.teaching.training import LessonSet
 MANIFEST, META, EXCLUDED = "manifest.json", "meta.json", "exclude.json"
 PICTURE, ANGLE, THROTTLE, MODE = "cam/image_array", "user/angle", "user/throttle", "user/mode"
 # Hz, donkeycar's default of DRIVE_LOOP_HZ
-LOOP: Final = 20.0
+DRIVE_LOOP_RATE: Final = 20.0
 # s between two records below which the times are those of a conversion: no camera is as fast
-FASTEST: Final = 0.025
+RECORD_PERIOD_MIN: Final = 0.025
 # s; the longest time that a record counts for, if records are missing
-GAP: Final = 0.5
+RECORD_TIME_MAX: Final = 0.5
 # a smaller throttle is not driving
 THROTTLE_MIN: Final = 0.02
 # bytes of a picture
@@ -111,12 +111,12 @@ def drive_of_tub(tub: Path, asks: Sequence[tuple[str, str]], vehicle: str, lag: 
     sensor = asks[0][1] or "camera"
     left: defaultdict[str, float] = defaultdict(float)
     if deleted:
-        left["deleted"] = deleted / LOOP
+        left["deleted"] = deleted / DRIVE_LOOP_RATE
     sight: Sight | None = None
     rows: list[tuple[float, Any, int, float]] = []
     for number, record in enumerate(records):
         before = number > 0 and records[number - 1].session == record.session
-        seconds = min(times[number] - times[number - 1], GAP) if before else 0.0
+        seconds = min(times[number] - times[number - 1], RECORD_TIME_MAX) if before else 0.0
         if reason := _reason(record):
             left[reason] += seconds
             continue
@@ -166,13 +166,13 @@ def _times(records: Sequence[Record]) -> tuple[list[float], str]:
     """Return the times of records, s, which rise, and a remark if they are not the records' own."""
     given = [record.time for record in records]
     steps = [b - a for a, b in pairwise(given) if a is not None and b is not None]
-    if len(steps) < len(records) - 1 or (steps and float(np.median(steps)) < FASTEST):
-        times = [record.number / LOOP for record in records]
-        return times, f"has no times of its own, so {LOOP:g} records a second are assumed"
+    if len(steps) < len(records) - 1 or (steps and float(np.median(steps)) < RECORD_PERIOD_MIN):
+        times = [record.number / DRIVE_LOOP_RATE for record in records]
+        return times, f"has no times of its own, so {DRIVE_LOOP_RATE:g} records a second are assumed"
     times, last = [], 0.0
     for number, time in enumerate(given):
         step = 0.0 if number == 0 else time - given[number - 1]  # type: ignore[operator]
-        last += step if 0.0 < step < 10.0 * GAP else GAP if number else 0.0
+        last += step if 0.0 < step < 10.0 * RECORD_TIME_MAX else RECORD_TIME_MAX if number else 0.0
         times.append(last)
     return times, ""
 

@@ -47,7 +47,7 @@ SCREENS: Final = {
 
 GROUP: Final = "txt1.screens"
 # s for which an event takes the place of the keys
-NEWS: Final = 4.0
+NEWS_TIME: Final = 4.0
 
 Render = Callable[[Snapshot, Viewer, int, int], RenderableType]
 """Draws a snapshot for a body of `columns` x `rows` cells."""
@@ -143,9 +143,9 @@ def _state_line(snapshot: Snapshot, viewer: Viewer) -> RenderableType:
 
 
 def _news(snapshot: Snapshot, width: int) -> list[Text]:
-    """Return what was told in the last `NEWS` s, such as the answer to a key, unless a row above says it already."""
+    """Return what was told in the last `NEWS_TIME` s, such as the answer to a key, unless a row above says it."""
     events, notes = snapshot.get(EVENTS, ()), list(notes_of(snapshot))
-    if not events or snapshot.time - events[-1].time > NEWS or any(note in events[-1].text for note in notes):
+    if not events or snapshot.time - events[-1].time > NEWS_TIME or any(note in events[-1].text for note in notes):
         return []
     return [
         Text(f" {line}", "bold cyan", no_wrap=True) for line in wrap(printable(events[-1].text), max(1, width - 2))[:2]

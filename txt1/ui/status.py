@@ -42,7 +42,7 @@ LEFT_ROWS = 21
 # columns of a narrow window, border included
 ROBOT_ROWS = 12
 # columns below which two halves have no room
-NARROW = 72
+HALVES_WIDTH_MIN = 72
 # rows kept for the events, border included, whatever the number of faults
 EVENT_ROWS = 8
 # V, less than any pack and more than an open input shows
@@ -77,7 +77,7 @@ def notes_of(snapshot: Snapshot) -> Iterator[str]:
 
 def screen(snapshot: Snapshot, viewer: Viewer, width: int, rows: int) -> RenderableType:
     """Return STATUS for a body of width x rows cells. A large window includes a small map, a narrow window no gains."""
-    if width < NARROW:
+    if width < HALVES_WIDTH_MIN:
         return _narrow(snapshot, width, rows)
     left_width = max(LEFT, width * 2 // 5)
     layout = Layout()

@@ -1,13 +1,13 @@
 """Driving with w, a, s, d from a terminal, which reports a key's press but never its release.
 
-So a key counts as held for HELD seconds after its last press (a keyboard repeats a held key long before), and then its
-effect decays within DECAY seconds. Only the last of several held keys repeats. So pressing a or d also renews a hold of
-w or s; otherwise a curve could not be driven.
+So a key counts as held for KEY_HELD seconds after its last press (a keyboard repeats a held key long before), and then
+its effect decays within DECAY seconds. Only the last of several held keys repeats. So pressing a or d also renews a
+hold of w or s; otherwise a curve could not be driven.
 
 Repeats are made by the computer, also when a key's release was lost, so they prove no hand (`txt1.control.holding`). A
-press is fresh if it is of another key than the press before, or comes after HELD seconds without one; any other press
-counts as a repeat. Repeats count for LASTS - HELD seconds after the last fresh press. So a key that nobody holds moves
-the robot for LASTS seconds and the decay, and then only a fresh press moves it.
+press is fresh if it is of another key than the press before, or comes after KEY_HELD seconds without one; any other
+press counts as a repeat. Repeats count for LASTS - KEY_HELD seconds after the last fresh press. So a key that nobody
+holds moves the robot for LASTS seconds and the decay, and then only a fresh press moves it.
 
 ``a`` turns the steering wheel left, as in a car. Forwards the robot turns left (omega > 0). In reverse the front wheels
 point left, too, and the yaw rate is negative.
@@ -22,7 +22,7 @@ from txt1.control.holding import LASTS, Hold
 from txt1.errors import CommandRefused
 
 # s that a key counts as held after its last press
-HELD: Final = 0.7
+KEY_HELD: Final = 0.7
 # s from the end of the hold to zero
 DECAY: Final = 0.3
 SPEED_MIN: Final = 0.1
@@ -47,7 +47,7 @@ class Teleop:
         self._pressed, self._last = -inf, ""
         # the last call of `command`
         self._listened = -inf
-        self._hold = Hold(LASTS - HELD)
+        self._hold = Hold(LASTS - KEY_HELD)
         # whether a repeat came after the end of the hold
         self._refused = False
         self.release()
@@ -66,7 +66,7 @@ class Teleop:
         """
         if key in _DRIVE or key in _STEER:
             # no press for a while is a release, unless nobody listened meanwhile: the computer may have stood still
-            paused = now - self._pressed > HELD and now - self._listened <= HELD
+            paused = now - self._pressed > KEY_HELD and now - self._listened <= KEY_HELD
             if key != self._last or paused:
                 self._hold.press(0, now)
             self._last, self._pressed = key, now
@@ -78,7 +78,7 @@ class Teleop:
         elif key in _STEER:
             self._steer = _STEER[key], now
             direction, pressed = self._drive
-            if now - pressed <= HELD:
+            if now - pressed <= KEY_HELD:
                 self._drive = direction, now
         elif key in ("+", "-"):
             speed = round(self.speed + (SPEED_STEP if key == "+" else -SPEED_STEP), 1)
@@ -97,7 +97,7 @@ class Teleop:
         if not self._active:
             return None
         drive, steer = (
-            direction * min(1.0, max(0.0, (HELD + DECAY - (now - pressed)) / DECAY))
+            direction * min(1.0, max(0.0, (KEY_HELD + DECAY - (now - pressed)) / DECAY))
             for direction, pressed in (self._drive, self._steer)
         )
         self._active = bool(drive or steer)

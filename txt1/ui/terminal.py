@@ -22,9 +22,9 @@ from txt1.ui.teleop import Teleop
 Reason = Literal["quit", "lost"]
 
 # s between snapshots
-INTERVAL: Final = 0.1
+SNAPSHOT_PERIOD: Final = 0.1
 # s: older keys, found after this process was delayed, no longer drive or arm
-BACKLOG: Final = 0.5
+KEY_AGE_MAX: Final = 0.5
 _BUTTONS: Final = dict(zip(("left", "right", "up", "down", "c"), Button, strict=True))
 DRIVES: Final = frozenset("wsad")
 _ALWAYS: Final = frozenset(("space", "x", "q"))
@@ -155,7 +155,7 @@ class Terminal:
         """Return a snapshot, ten times a second."""
         now = self._robot.now
         # at the nearest tick
-        if now < self._sent + INTERVAL - 0.5 * TELEMETRY_PERIOD:
+        if now < self._sent + SNAPSHOT_PERIOD - 0.5 * TELEMETRY_PERIOD:
             return None
         self._sent = now
         return self._robot.snapshot.encode()
@@ -163,7 +163,7 @@ class Terminal:
     def request(self, request: Request) -> None:
         """Obey the keys, and renew the command."""
         age = 0.0 if self._waits else request.age
-        fresh = age <= BACKLOG
+        fresh = age <= KEY_AGE_MAX
         for key in request.fields.get("keys", ()):
             if fresh or key in _ALWAYS:
                 self.obey(key)

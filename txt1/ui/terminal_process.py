@@ -24,7 +24,7 @@ from txt1.ui.viewer import DRIVING, Viewer
 # s between frames, unless a key asks for one
 DRAW_INTERVAL: Final = 0.1
 # s after which a key that waited while this process was delayed no longer drives or arms
-STALE: Final = 0.5
+STALE_KEY_AGE: Final = 0.5
 STALE_KEYS: Final = frozenset("wasdm")
 
 # the key that shows the text printed before the screens; any other key comes back to the screens
@@ -97,7 +97,7 @@ def main(connection: Connection, keys: Mapping[str, str] | None = None, waits: b
                 data = os.read(tty.IN, 4096)
                 if not data:
                     return
-                stale = STALE_KEYS if now - before > nanoseconds(STALE) and not waits else ()
+                stale = STALE_KEYS if now - before > nanoseconds(STALE_KEY_AGE) and not waits else ()
                 pressed = [key for key in decoder.feed(data) if key not in stale]
             # a key may be the emergency stop, so it does not wait for the next heartbeat
             if pressed or connection.due() <= 0.0:

@@ -13,11 +13,11 @@ from txt1.telemetry.snapshot import Snapshot
 # points kept; when they are used up, every other point is removed, and the spacing doubles
 PATH_MAX: Final = 4000
 # m between points, to begin with
-SPACING: Final = 0.02
+POINT_SPACING: Final = 0.02
 # m between two snapshots that mean that the robot was lifted ...
-JUMP: Final = 0.5
+LIFTED_JUMP: Final = 0.5
 # ... unless it could have driven there at this speed, m/s: snapshots of a fast run are far apart
-REACH: Final = 2.0
+DRIVEN_SPEED_MAX: Final = 2.0
 NOWHERE: Final = (nan, nan, nan)
 # the keys of a robot
 DRIVING: Final = {
@@ -56,7 +56,7 @@ class Viewer:
     # points (x, y) passed, m; at most PATH_MAX
     path: list[tuple[float, float]] = field(default_factory=list)
     # least distance between points, m
-    spacing: float = SPACING
+    spacing: float = POINT_SPACING
     _last: tuple[float, float] = (0.0, 0.0)
     _time: float = 0.0
 
@@ -67,8 +67,8 @@ class Viewer:
             return
         here = (x, y)
         elapsed = snapshot.time - self._time
-        if elapsed < 0.0 or dist(here, self._last) > max(JUMP, REACH * elapsed):
-            self.path, self.spacing = [], SPACING
+        if elapsed < 0.0 or dist(here, self._last) > max(LIFTED_JUMP, DRIVEN_SPEED_MAX * elapsed):
+            self.path, self.spacing = [], POINT_SPACING
         self._last, self._time = here, snapshot.time
         if not self.path or dist(here, self.path[-1]) >= self.spacing:
             self.path.append(here)

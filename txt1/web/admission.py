@@ -20,7 +20,7 @@ from txt1.web.pages import now
 # bytes of a message
 MESSAGE_MAX: Final = 8192
 # s that a disconnected page has to close its socket
-PARTING: Final = 0.02
+SOCKET_CLOSE_TIME: Final = 0.02
 # s between two pings of a socket; without an answer within half of it, the socket is closed
 SOCKET_BEAT: Final = 4.0
 # requests that open a socket: another site's page may not make them

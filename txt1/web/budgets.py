@@ -32,10 +32,10 @@ CONNECTS_RESERVE: Final = (10.0, 40.0)
 PENALTY: Final = 10.0
 
 # units: a turn of reading, a byte, a frame, a ping and its answer, a request for an address, an attempt to sign in
-TURN: Final = 0.25
+TURN_COST: Final = 0.25
 BYTE: Final = 1.0 / 256.0
-FRAME: Final = 1.0
-PING: Final = 4.0
+FRAME_COST: Final = 1.0
+PING_COST: Final = 4.0
 REQUEST: Final = 10.0
 SIGN_IN: Final = 10.0
 

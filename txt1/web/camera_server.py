@@ -6,8 +6,9 @@ How it works
 The robot sends pictures only while somebody looks, and of each camera only the newest. A viewer is a socket of the page
 for one camera. It gets the newest picture, and the next one only after it has said that it has seen this one: so one
 picture of a viewer is under way at most, on the network as well, and all that come meanwhile are dropped. There are
-`VIEWERS` viewers at most. A viewer that does not answer is sent away after `SLOW` s. If a picture took longer than the
-quickest, the network was busy, and the next one waits for as long: so pictures never fill a weak network.
+`VIEWERS` viewers at most. A viewer that does not answer is sent away after `VIEWER_TIME_OUT` s. If a picture took
+longer than the quickest, the network was busy, and the next one waits for as long: so pictures never fill a weak
+network.
 
 A message is `HEAD` and a JPEG. The head's numbers are s of this process's clock: the picture's exposure, the time of
 sending, and the shortest time from sending a picture to the answer. From these the page computes the picture's age.
@@ -29,9 +30,9 @@ from typing import Final, NamedTuple, Protocol
 from aiohttp import WSMsgType, web
 
 from txt1.sidecar import BEAT, TELEMETRY_PERIOD, Connection
-from txt1.web.admission import PARTING, SOCKET_BEAT, STRANGERS, Admission, Route
+from txt1.web.admission import SOCKET_BEAT, SOCKET_CLOSE_TIME, STRANGERS, Admission, Route
 from txt1.web.auth import Auth, Role
-from txt1.web.budgets import FRAME, PING, Account
+from txt1.web.budgets import FRAME_COST, PING_COST, Account
 from txt1.web.pages import now
 from txt1.web.requests import EVERYBODY
 from txt1.web.server import admitting, listening
@@ -41,10 +42,10 @@ from txt1.web.troubles import counting
 VIEWERS: Final = 4
 VISITORS: Final = 3
 # s within which a viewer must have seen a picture
-SLOW: Final = 10.0
+VIEWER_TIME_OUT: Final = 10.0
 # the answer of a viewer, and the bytes of its longest message
 SEEN: Final = "seen"
-ANSWER_MAX: Final = 64
+VIEWER_MESSAGE_MAX: Final = 64
 # exposure, sending, shortest answer: s
 HEAD: Final = struct.Struct("<3d")
 
@@ -164,7 +165,7 @@ async def send(viewer: CameraViewer) -> None:
             assert picture is not None
             viewer.seen.clear()
             sent = now()
-            async with asyncio.timeout(SLOW):
+            async with asyncio.timeout(VIEWER_TIME_OUT):
                 await viewer.socket.send_bytes(HEAD.pack(picture.exposed, sent, viewer.round_trip) + picture.jpeg)
                 await viewer.seen.wait()
             trip = now() - sent
@@ -178,13 +179,13 @@ async def listen(viewer: CameraViewer) -> None:
     """Take a viewer's answers until it leaves, or sends anything else."""
     async for message in viewer.socket:
         if message.type is WSMsgType.TEXT and message.data == SEEN:
-            viewer.account.spend(now(), FRAME)
+            viewer.account.spend(now(), FRAME_COST)
             viewer.seen.set()
         elif message.type is WSMsgType.PING:
-            if viewer.account.spend(now(), PING):
+            if viewer.account.spend(now(), PING_COST):
                 await viewer.socket.pong(message.data)
         elif message.type is WSMsgType.PONG:
-            viewer.account.spend(now(), FRAME)
+            viewer.account.spend(now(), FRAME_COST)
         else:
             break
         await asyncio.sleep(0)
@@ -211,7 +212,11 @@ class CameraRoutes(Admission):
             raise web.HTTPServiceUnavailable(text=f"{len(self._viewers.looking)} pages look already\n")
         metered = self.pay(request, 0.0)
         socket = web.WebSocketResponse(
-            heartbeat=SOCKET_BEAT, max_msg_size=ANSWER_MAX, compress=False, timeout=PARTING, autoping=False
+            heartbeat=SOCKET_BEAT,
+            max_msg_size=VIEWER_MESSAGE_MAX,
+            compress=False,
+            timeout=SOCKET_CLOSE_TIME,
+            autoping=False,
         )
         viewer = CameraViewer(name, role, metered.account, socket)
         # before it waits, so that no more than there is room for come in

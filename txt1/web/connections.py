@@ -21,20 +21,20 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
-from txt1.web.budgets import BYTE, TURN, Account, Budgets
+from txt1.web.budgets import BYTE, TURN_COST, Account, Budgets
 
 CONNECTIONS_MAX: Final = 256
 # s within which a connection has to send its first request, and to finish its handshake
 STRANGER: Final = 5.0
 # connections that wait to be accepted
-BACKLOG: Final = 128
+LISTEN_BACKLOG: Final = 128
 # connections refused at once, and s until the next are accepted: a flood of them takes a tenth of the time
 REFUSALS: Final = 16
 REFUSED: Final = 0.002
 # s without descriptors until the next connection is accepted
 EXHAUSTED: Final = 0.5
 # bytes read in one turn
-PIECE: Final = 2048
+READ_BYTES: Final = 2048
 # bytes that wait in the system for each connection
 WAITING: Final = 1 << 14
 # bytes of a page that are searched for a stop after it has exceeded its budget: all that waited then
@@ -42,7 +42,7 @@ FAREWELL: Final = 1 << 15
 # s between two pieces of connections that have exceeded their budgets
 PACE: Final = 0.01
 # s without a piece after which such a connection is closed
-PARTING: Final = 0.05
+ABORT_AFTER: Final = 0.05
 
 
 class Connections:
@@ -82,7 +82,7 @@ class Connections:
             if family == socket.AF_INET6:
                 listening.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
             listening.bind(address)
-            listening.listen(BACKLOG)
+            listening.listen(LISTEN_BACKLOG)
             loop.add_reader(listening, self._accept, listening)
 
     @property
@@ -182,7 +182,7 @@ class Metered(asyncio.BufferedProtocol):
         self.page = False
         self._inner = connections.protocol()
         # asyncio's TLS writes to slices of it, and slices of a bytearray are copies
-        self._piece = memoryview(bytearray(PIECE))
+        self._piece = memoryview(bytearray(READ_BYTES))
         self._farewell = FAREWELL
         # reading on, or closing, of a connection that has exceeded its budget
         self._timer: asyncio.TimerHandle | None = None
@@ -203,7 +203,7 @@ class Metered(asyncio.BufferedProtocol):
         if self.account.exceeded:
             self._farewell -= nbytes
         else:
-            self.account.spend(self._connections.now(), TURN + BYTE * nbytes)
+            self.account.spend(self._connections.now(), TURN_COST + BYTE * nbytes)
         if not self.account.exceeded:
             self._inner.data_received(bytes(self._piece[:nbytes]))
         elif self.page and self._farewell > 0:
@@ -258,4 +258,4 @@ class Metered(asyncio.BufferedProtocol):
         The time until then begins only now. Else a loop that was held up would close it before it has looked for bytes.
         """
         self._transport.resume_reading()
-        self._timer = asyncio.get_running_loop().call_later(PARTING, self._transport.abort)
+        self._timer = asyncio.get_running_loop().call_later(ABORT_AFTER, self._transport.abort)

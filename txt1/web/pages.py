@@ -22,12 +22,12 @@ from txt1.web.player import PagePlayer, recordings, strict
 from txt1.web.wheel import PageClock, PageWheel, Sequence
 
 # s between two stops that are passed on
-STOPS: Final = 0.01
+STOPS_PERIOD: Final = 0.01
 # s between two messages to all pages about their state, and between two looks at the folder of recordings
-NEWS: Final = 0.05
+STATUS_PERIOD: Final = 0.05
 LISTINGS: Final = 0.25
 # s within which a page must have taken its telemetry
-SLOW: Final = 10.0
+SEND_TIME_OUT: Final = 10.0
 # pieces of telemetry a second
 PAGE_RATE: Final = 20.0
 # the same for a robot that no page shows, if there are several
@@ -219,7 +219,7 @@ class Pages:
             while True:
                 await page.news.wait()
                 page.news.clear()
-                async with asyncio.timeout(SLOW):
+                async with asyncio.timeout(SEND_TIME_OUT):
                     while page.outbox:
                         await page.socket.send_str(page.outbox.popleft())
                     line, page.newest = page.newest, None
@@ -267,10 +267,10 @@ class Pages:
             self._looking = asyncio.ensure_future(look())
 
     def status_of_all(self) -> None:
-        """Send all pages their own status: at once, and if it changes often after `NEWS` at most."""
+        """Send all pages their own status: at once, and if it changes often after `STATUS_PERIOD` at most."""
         wait = self._news_due - now()
         if wait <= 0.0:
-            self._news_due, self._news_waits = now() + NEWS, False
+            self._news_due, self._news_waits = now() + STATUS_PERIOD, False
             self.status(*self.connected.values())
         elif not self._news_waits:
             self._news_waits = True
@@ -328,7 +328,8 @@ class Pages:
     def stop(self, page: Page, number: object) -> None:
         """Stop all robots, and confirm it to the page by its number.
 
-        It is passed on at once, and in a flood of stops after `STOPS` at most: then the flood does not fill the line.
+        It is passed on at once, and in a flood of stops after `STOPS_PERIOD` at most: then the flood does not fill the
+        line.
         """
         wait = self._stop_due - now()
         if not self._stops and wait > 0.0:
@@ -341,7 +342,7 @@ class Pages:
         if not self._stops:
             # a later stop has been passed on already
             return
-        self._stop_due = now() + STOPS
+        self._stop_due = now() + STOPS_PERIOD
         self.ask(None, "stop")
         asked, self._stops = self._stops, {}
         if not self.ended.is_set():

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 # s between two snapshots
 PLAYER_PERIOD: Final = 0.1
 # largest recording to be shown, bytes: it is held in memory
-SIZE_MAX: Final = 200 << 20
-SPEED_MAX: Final = 16.0
+RECORDING_BYTES_MAX: Final = 200 << 20
+PLAY_SPEED_MAX: Final = 16.0
 LISTED_MAX: Final = 200
 # pattern of a recording's name
 RECORDING_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\.mcap")
@@ -65,8 +65,10 @@ class PagePlayer:
         """Read a recording, in a thread; raises RecordingError."""
         if path.is_symlink() or not path.is_file():
             raise RecordingError("there is no such recording")
-        if path.stat().st_size > SIZE_MAX:
-            raise RecordingError(f"it is larger than {SIZE_MAX >> 20} MB: fetch it, and 'txt1 replay' shows it")
+        if path.stat().st_size > RECORDING_BYTES_MAX:
+            raise RecordingError(
+                f"it is larger than {RECORDING_BYTES_MAX >> 20} MB: fetch it, and 'txt1 replay' shows it"
+            )
         # it takes a while to load, and few pages need it
         from txt1.record.snapshots import Snapshots
 
@@ -86,7 +88,7 @@ class PagePlayer:
         if given[0] is not None:
             self.position = min(max(given[0], self.recording.start), self.recording.end)
         if given[1] is not None:
-            self.speed = min(max(given[1], 0.0), SPEED_MAX)
+            self.speed = min(max(given[1], 0.0), PLAY_SPEED_MAX)
         self._moved = True
 
     def stop(self) -> None:

@@ -28,10 +28,10 @@ from math import inf, isfinite
 from typing import Any, Final, NamedTuple
 
 from txt1.web.auth import Role
-from txt1.web.budgets import FRAME
+from txt1.web.budgets import FRAME_COST
 from txt1.web.pages import Page, Pages, now
 from txt1.web.player import RECORDING_NAME, PagePlayer
-from txt1.web.wheel import AGE_MAX
+from txt1.web.wheel import COMMAND_AGE_MAX
 
 # units: a request that acts once, and one that reads or writes files; all others cost no more than their frame
 ACTION: Final = 5.0
@@ -92,14 +92,14 @@ def take(pages: Pages, page: Page, text: str) -> None:
     A malformed message is counted.
     """
     present = now()
-    if not page.account.spend(present, FRAME):
+    if not page.account.spend(present, FRAME_COST):
         page.counts["dropped"] += 1
         if not _is_stop(text):
             return
     try:
         message = json.loads(text)
         request = REQUESTS[message["do"]]
-        if request.cost > FRAME and not page.account.spend(present, request.cost - FRAME):
+        if request.cost > FRAME_COST and not page.account.spend(present, request.cost - FRAME_COST):
             page.counts["dropped"] += 1
             return
         _carry_out(pages, page, request, message, present)
@@ -120,7 +120,7 @@ def _carry_out(pages: Pages, page: Page, request: PageRequest, message: Message,
     age = 0.0
     if request.again is not None:
         age = page.clock.age(float(message["t"]), present)
-        if not (page.sequence.accepts(message["n"]) and 0.0 <= age <= AGE_MAX):
+        if not (page.sequence.accepts(message["n"]) and 0.0 <= age <= COMMAND_AGE_MAX):
             page.counts["late"] += 1
             if request.again:
                 page.tell(told=f"that came too late: {request.again}")
@@ -422,14 +422,14 @@ def _wind(pages: Pages, page: Page, where: tuple[object, object], age: float) ->
 
 REQUESTS: Final[Mapping[str, PageRequest]] = {
     # everybody stops, whatever else there is
-    "stop": PageRequest(ALL, WheelUse.UNUSED, FRAME, _number_of_stop, _stop),
+    "stop": PageRequest(ALL, WheelUse.UNUSED, FRAME_COST, _number_of_stop, _stop),
     "disarm": PageRequest(EVERYBODY, WheelUse.UNUSED, ACTION, _nothing, _disarm),
     # whoever has the wheel, or gets it
-    "drive": PageRequest(EVERYBODY, WheelUse.TAKEN, FRAME, _velocity, _drive, again=""),
+    "drive": PageRequest(EVERYBODY, WheelUse.TAKEN, FRAME_COST, _velocity, _drive, again=""),
     "go": PageRequest(EVERYBODY, WheelUse.TAKEN, ACTION, _way, _go, again="press again"),
     "take": PageRequest(EVERYBODY, WheelUse.TAKEN, ACTION, _nothing, _take),
-    "hold": PageRequest(EVERYBODY, WheelUse.HELD, FRAME, _nothing, _hold, again=""),
-    "release": PageRequest(EVERYBODY, WheelUse.UNUSED, FRAME, _sequence, _release),
+    "hold": PageRequest(EVERYBODY, WheelUse.HELD, FRAME_COST, _nothing, _hold, again=""),
+    "release": PageRequest(EVERYBODY, WheelUse.UNUSED, FRAME_COST, _sequence, _release),
     "give": PageRequest(EVERYBODY, WheelUse.HELD, ACTION, _nothing, _give),
     "arm": PageRequest(OPERATOR, WheelUse.TAKEN, ACTION, _nothing, _arm, again="hold again"),
     "here": PageRequest(OPERATOR, WheelUse.TAKEN, ACTION, _place, _here, again="press again"),
@@ -438,10 +438,10 @@ REQUESTS: Final[Mapping[str, PageRequest]] = {
     "limit": PageRequest(OPERATOR, WheelUse.UNUSED, ACTION, _speed, _limit),
     "record": PageRequest(OPERATOR, WheelUse.UNUSED, FILES, _on, _record),
     # what a page shows
-    "pong": PageRequest(EVERYBODY, WheelUse.UNUSED, FRAME, _times, _pong),
+    "pong": PageRequest(EVERYBODY, WheelUse.UNUSED, FRAME_COST, _times, _pong),
     "robot": PageRequest(EVERYBODY, WheelUse.UNUSED, ACTION, _name, _robot),
     "choose": PageRequest(EVERYBODY, WheelUse.UNUSED, ACTION, _topics, _choose),
     "files": PageRequest(EVERYBODY, WheelUse.UNUSED, FILES, _nothing, _files),
     "replay": PageRequest(EVERYBODY, WheelUse.UNUSED, FILES, _recording, _replay),
-    "wind": PageRequest(EVERYBODY, WheelUse.UNUSED, FRAME, _position, _wind),
+    "wind": PageRequest(EVERYBODY, WheelUse.UNUSED, FRAME_COST, _position, _wind),
 }

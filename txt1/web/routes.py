@@ -12,9 +12,9 @@ from urllib.parse import parse_qs
 
 from aiohttp import WSMsgType, web
 
-from txt1.web.admission import MESSAGE_MAX, PARTING, SOCKET_BEAT, STRANGERS, Admission, Route, wall
+from txt1.web.admission import MESSAGE_MAX, SOCKET_BEAT, SOCKET_CLOSE_TIME, STRANGERS, Admission, Route, wall
 from txt1.web.auth import Auth, Role
-from txt1.web.budgets import FRAME, PING, SIGN_IN
+from txt1.web.budgets import FRAME_COST, PING_COST, SIGN_IN
 from txt1.web.connections import STRANGER, Metered
 from txt1.web.files import page_files
 from txt1.web.pages import Page, Pages, now
@@ -128,7 +128,7 @@ class Routes(Admission):
         metered = self.pay(request, 0.0)
         # pings are answered by `listen`, when they are paid
         socket = web.WebSocketResponse(
-            heartbeat=SOCKET_BEAT, max_msg_size=MESSAGE_MAX, compress=False, timeout=PARTING, autoping=False
+            heartbeat=SOCKET_BEAT, max_msg_size=MESSAGE_MAX, compress=False, timeout=SOCKET_CLOSE_TIME, autoping=False
         )
         await socket.prepare(request)
         metered.page = True
@@ -166,10 +166,10 @@ async def listen(pages: Pages, page: Page, socket: web.WebSocketResponse) -> Non
         if message.type is WSMsgType.TEXT:
             take(pages, page, message.data)
         elif message.type is WSMsgType.PING:
-            if page.account.spend(now(), PING):
+            if page.account.spend(now(), PING_COST):
                 await socket.pong(message.data)
         elif message.type is WSMsgType.PONG:
-            page.account.spend(now(), FRAME)
+            page.account.spend(now(), FRAME_COST)
         else:
             break
         # the search for a stop behind a flood costs little

@@ -8,7 +8,7 @@ from typing import Final
 # asyncio logs what a callback or a task raises
 LOGGERS: Final = ("aiohttp", "asyncio")
 # characters of what is told
-TOLD: Final = 120
+TOLD_CHARACTERS: Final = 120
 
 
 class Troubles(logging.Handler):
@@ -29,7 +29,7 @@ class Troubles(logging.Handler):
         self.count += 1
         if self.count >= self._due:
             self._due *= 10
-            last = " ".join(what.split())[:TOLD]
+            last = " ".join(what.split())[:TOLD_CHARACTERS]
             # whatever a stranger made of it
             last = "".join(letter if letter.isprintable() else "?" for letter in last)
             self._tell(f"requests that the page's server could not answer: {self.count}; the last: {last}")

@@ -8,9 +8,9 @@ from math import inf, isfinite
 from typing import Final
 
 # s after which a command is late: the safety gate would not obey it, either
-AGE_MAX: Final = 0.25
+COMMAND_AGE_MAX: Final = 0.25
 # number of round trips that determine the offset of a page's clock
-SAMPLES: Final = 20
+ROUND_TRIPS: Final = 20
 # s by which answers may contradict each other: large times are rounded
 ROUNDING: Final = 1e-6
 # s without a command after which another page may take the wheel
@@ -26,7 +26,7 @@ class PageClock:
     """
 
     def __init__(self) -> None:
-        self._samples: deque[tuple[float, float]] = deque(maxlen=SAMPLES)
+        self._samples: deque[tuple[float, float]] = deque(maxlen=ROUND_TRIPS)
 
     @property
     def _low(self) -> float:

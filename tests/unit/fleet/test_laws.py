@@ -15,9 +15,9 @@ from tests.examples import examples
 from txt1.errors import ConfigError
 from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.convoy import TRACK_MAX, Follower
-from txt1.fleet.guard import MARGIN, RATE, TeamGuard
+from txt1.fleet.guard import CLOSING_RATE, ROBOT_MARGIN, TeamGuard
 from txt1.fleet.law import LAWS, make_law
-from txt1.fleet.messages import SIZE_MAX
+from txt1.fleet.messages import CAR_SIZE_MAX
 from txt1.fleet.radio import Radio, Said
 from txt1.fleet.rendezvous import agree, slot
 from txt1.fleet.steering import toward
@@ -61,7 +61,7 @@ def test_an_estimate_of_the_middle_stays_among_those_it_was_made_of(places: list
 def test_slots_are_far_enough_apart_for_cars(count: int) -> None:
     places = [slot((0.0, 0.0), number, count) for number in range(count)]
     assert min(hypot(a[0] - b[0], a[1] - b[1]) for a in places for b in places if a != b) > 2.0 * (
-        2.0 * DEFAULT_BODY.reach + MARGIN
+        2.0 * DEFAULT_BODY.reach + ROBOT_MARGIN
     )
 
 
@@ -131,7 +131,9 @@ def test_a_guard_holds_one_that_a_law_drives_at_a_wall_or_at_one_that_stands() -
         guard = TeamGuard(DEFAULT_BODY, (5.0, 5.0))
         assert guard.step(at, {}, at.v, 0.0) == (0.0, 0.0) and guard.by == "a wall"
     free = Said(0.0, 0.0, 0.0)
-    assert TeamGuard(DEFAULT_BODY).step(free, {"b": Said(0.78, 0.0, 0.0)}, 0.5, 0.0)[0] == pytest.approx(RATE * 0.02)
+    assert TeamGuard(DEFAULT_BODY).step(free, {"b": Said(0.78, 0.0, 0.0)}, 0.5, 0.0)[0] == pytest.approx(
+        CLOSING_RATE * 0.02
+    )
     assert TeamGuard(DEFAULT_BODY).step(free, {"b": Said(0.78, 0.0, 0.0)}, -0.5, 0.0) == (-0.5, 0.0)
     assert TeamGuard(DEFAULT_BODY._replace(least=0.15)).step(free, {"b": Said(0.78, 0.0, 0.0)}, 0.5, 0.0) == (0.0, 0.0)
 
@@ -218,11 +220,11 @@ def test_a_law_that_is_wrong_is_refused() -> None:
 FAR = 1e6  # m: the largest number that is heard
 NUMBER = st.floats(-FAR, FAR) | st.floats(-20.0, 20.0)
 DATA = st.lists(NUMBER, max_size=6).map(tuple) | st.tuples(*[NUMBER] * 6)
-SIZE = st.floats(0.0, SIZE_MAX, exclude_min=True)
+SIZE = st.floats(0.0, CAR_SIZE_MAX, exclude_min=True)
 # what a message may tell of a car (`txt1.fleet.messages`)
 BODY = st.builds(
     lambda radius, v_max, reach, centre, share, pivots: Body(radius, v_max, reach, centre, share * v_max, pivots),
-    *(SIZE, SIZE, SIZE, st.floats(-SIZE_MAX, SIZE_MAX), st.floats(0.0, 1.0), st.booleans()),
+    *(SIZE, SIZE, SIZE, st.floats(-CAR_SIZE_MAX, CAR_SIZE_MAX), st.floats(0.0, 1.0), st.booleans()),
 )
 HEARD = st.builds(Said, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, time=NUMBER, data=DATA, body=BODY)
 

@@ -16,10 +16,10 @@ from txt1.control.hand import DEFAULT_HAND, Hand
 from txt1.fleet.body import DEFAULT_BODY, Body
 from txt1.fleet.bridge import fitting
 from txt1.fleet.messages import (
+    CAR_SIZE_MAX,
     DATA_MAX,
-    LARGEST,
     MESSAGE_SIZE,
-    SIZE_MAX,
+    NUMBER_MAX,
     TEXT_MAX,
     TIME_MAX,
     StopAnswer,
@@ -64,7 +64,7 @@ def test_a_state_that_is_accepted_is_finite_and_small(payload: bytes) -> None:
         state = state_of(message or {})
     except ValueError:
         return
-    assert all(isfinite(value) and abs(value) <= LARGEST for value in (*state[:5], *state.data))
+    assert all(isfinite(value) and abs(value) <= NUMBER_MAX for value in (*state[:5], *state.data))
     assert all(len(each) <= TEXT_MAX and each.isprintable() for each in (state.reason, state.driver, state.silent))
 
 
@@ -103,7 +103,7 @@ def test_a_body_that_no_car_has_is_refused(wrong: dict[str, object]) -> None:
         ({"v": float("nan")}, "v: it is not finite, or beyond 1e+06"),
         ({"theta": 10**400}, "theta: it is not finite, or beyond 1e+06"),
         ({"omega": True}, "omega: it is no number"),
-        ({"x": 1.1 * LARGEST}, "x: it is not finite, or beyond 1e+06"),
+        ({"x": 1.1 * NUMBER_MAX}, "x: it is not finite, or beyond 1e+06"),
         ({"data": "7"}, "data: give at most 16 numbers"),
         ({"data": [0.0] * 17}, "data: give at most 16 numbers"),
         ({"reason": ["x"]}, "reason: it is no text"),
@@ -117,10 +117,14 @@ def test_a_wrong_state_is_refused_by_its_field(wrong: dict[str, Any], why: str) 
 
 @pytest.mark.parametrize(
     "body",
-    [Body(0.1, 0.4, 0.2, SIZE_MAX, 0.4, True), Body(SIZE_MAX, SIZE_MAX, SIZE_MAX, -SIZE_MAX), Body(1.0, 3.0, 1.0)],
+    [
+        Body(0.1, 0.4, 0.2, CAR_SIZE_MAX, 0.4, True),
+        Body(CAR_SIZE_MAX, CAR_SIZE_MAX, CAR_SIZE_MAX, -CAR_SIZE_MAX),
+        Body(1.0, 3.0, 1.0),
+    ],
 )
 def test_a_body_and_a_hand_rule_at_their_limits_come_through(body: Body) -> None:
-    hand = Hand(SIZE_MAX, 0.5, 0.1, True, 0.5)
+    hand = Hand(CAR_SIZE_MAX, 0.5, 0.1, True, 0.5)
     state = state_of({**PROPER, "body": body._asdict(), "hand": hand._asdict()})
     assert (state.body, state.hand) == (body, hand)
     more = {**PROPER, "body": {**body._asdict(), "pivots": 1}, "hand": {**hand._asdict(), "pivots": 1, "turn": 5.0}}
@@ -131,14 +135,14 @@ def test_a_body_and_a_hand_rule_at_their_limits_come_through(body: Body) -> None
 def test_what_is_as_long_or_large_as_may_be_comes_through_and_a_reason_is_cut() -> None:
     told = {
         **PROPER,
-        "x": LARGEST,
-        "y": -LARGEST,
+        "x": NUMBER_MAX,
+        "y": -NUMBER_MAX,
         "data": [1] * DATA_MAX,
         "armed": 1,
         "reason": "a\n\x1b[2J" + "b" * 200,
     }
     state = state_of(told)
-    assert (state.x, state.y, state.data, state.armed) == (LARGEST, -LARGEST, (1.0,) * DATA_MAX, False)
+    assert (state.x, state.y, state.data, state.armed) == (NUMBER_MAX, -NUMBER_MAX, (1.0,) * DATA_MAX, False)
     assert len(state.reason) == TEXT_MAX and state.reason.startswith("a  [2Jbbb")
     payload = json.dumps(PROPER).encode()
     assert message_of(payload.ljust(MESSAGE_SIZE)) == PROPER and message_of(payload.ljust(MESSAGE_SIZE + 1)) is None

@@ -359,7 +359,7 @@ def test_a_time_by_another_s_clock_is_never_taken_for_later_than_it_is(
 def test_a_stop_is_not_said_for_long_to_a_robot_that_nobody_can_see_stand(
     team: Team, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(network, "SETTLED", 0.2)
+    monkeypatch.setattr(network, "STAND_PATIENCE", 0.2)
     monkeypatch.setattr(network, "STOP_FOR", 1e6)
     console, stranger, heard = team.join("console1", console=True), Stranger(team.fleet), []
     try:
@@ -491,7 +491,7 @@ def test_fleets_of_other_names_or_other_users_do_not_hear_one_another(team: Team
 def test_a_double_that_the_look_has_missed_gives_way_whatever_the_clocks_say(
     team: Team, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(network, "LOOK", 0.0)  # as on a busy computer
+    monkeypatch.setattr(network, "NAME_CHECK_TIME", 0.0)  # as on a busy computer
     first = team.join("net01")
     first.began -= 5.0
     first.id = f"9{first.id}"  # its computer's clock is ahead

@@ -20,7 +20,7 @@ from txt1.fleet.key import FleetKey, fleet_key
 from txt1.fleet.members import NEW, Member
 from txt1.fleet.messages import StopAnswer
 from txt1.fleet.network import OTHERS_MAX, PORTS, REPEAT, Hooks, Peer, configuration, gives_way
-from txt1.fleet.radio import SILENCE
+from txt1.fleet.radio import ROBOT_SILENCE
 from txt1.fleet.stopping import Standing
 from txt1.kernel.clock import NS_PER_S, RealClock, VirtualClock
 
@@ -346,7 +346,7 @@ def test_a_ping_is_answered_and_an_answer_counts_only_to_a_ping_of_the_last_seco
 def test_a_peer_is_pinged_when_it_comes_when_a_command_waits_and_then_seldom(
     join: Join, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(network, "PING", 1e6)
+    monkeypatch.setattr(network, "PING_PERIOD", 1e6)
     console = join("console1", console=True)
     console.says("state/net08", **{"from": "net08", **STATE})
     console.comes("net07")
@@ -475,7 +475,7 @@ def test_what_a_robot_tells_is_shown_with_its_age_and_clock(join: Join) -> None:
     said = robot.peer.heard()["net07"]
     assert (*said[:5], said.data, said.time) == (1.0, 2.0, 0.5, 0.3, 0.1, (7.0,), heard)
     assert [each["x"] for each in robot.states] == [1.0]
-    robot.clock.spend(10.0 * SILENCE)
+    robot.clock.spend(10.0 * ROBOT_SILENCE)
     assert not robot.peer.members()[0].alive, "its program hangs"
 
 
@@ -609,7 +609,7 @@ def answers(console: Alone, who: str = "net07", through: Session | None = None, 
     [
         (None, network.ALONE),
         ({"closed": True, "stands": True}, network.LONGER),
-        ({"closed": True, "why": "not seen"}, network.SETTLED),
+        ({"closed": True, "why": "not seen"}, network.STAND_PATIENCE),
         ({"why": "it was armed again"}, network.STOP_FOR),
     ],
 )
@@ -677,7 +677,7 @@ def test_who_is_there_was_heard_lately_or_is_named_has_to_answer(join: Join) -> 
     assert console.peer.standing() is None
     console.says("stopped/console1", stop=ONE, closed=True)  # there was no stop
     console.says("state/net01", **{**STATE, "from": "net01"})
-    console.clock.spend(network.RECENT - 0.5)
+    console.clock.spend(network.HEARD_LATELY - 0.5)
     console.says("state/net02", **{**STATE, "from": "net02"})
     console.clock.spend(1.0)
     console.comes("net03")
@@ -708,7 +708,7 @@ def test_a_stop_that_is_not_answered_is_said_through_new_sessions_each_for_its_t
     answers(console, through=third, closed=True)
     console.repeats()
     assert console.standing() == Standing(stopped=(("net07", ""),))
-    console.clock.spend(network.SETTLED - 0.2)
+    console.clock.spend(network.STAND_PATIENCE - 0.2)
     console.repeats(5)
     assert len(air.sessions) == 3 and saying.is_alive(), "its gate is closed"
     console.clock.spend(0.3)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from txt1.cars.pi.driver import UNKNOWN, PiHal, PiOptions, setup_of
-from txt1.cars.pi.esc import CLICK, FORGOTTEN, BrakeFirst
+from txt1.cars.pi.esc import CLICK, ESC_FORGOTTEN, BrakeFirst
 from txt1.cars.pi.virtual_pi import VirtualPi
 from txt1.config import Config, checked, load
 from txt1.errors import ConfigError
@@ -178,8 +178,8 @@ def test_the_first_reverse_is_a_click_and_neutral_between_and_the_next_is_none()
     assert put(esc, -900.0, 1.4, 1.0) == [True] * click + [False] * click + [True] * (50 - 2 * click)
     assert all(put(esc, 0.0, 2.4, 0.5))
     assert all(put(esc, -900.0, 2.9, 0.5)), "it is in reverse"
-    put(esc, 0.0, 3.4, FORGOTTEN + CYCLE)
-    assert not all(put(esc, -900.0, 3.4 + FORGOTTEN + CYCLE, 1.0)), "it may have been switched off"
+    put(esc, 0.0, 3.4, ESC_FORGOTTEN + CYCLE)
+    assert not all(put(esc, -900.0, 3.4 + ESC_FORGOTTEN + CYCLE, 1.0)), "it may have been switched off"
 
 
 def test_motors_of_two_sides_wait_for_each_other() -> None:

@@ -400,7 +400,7 @@ def processes_of(path: Path) -> list[int]:
 
 
 def test_a_guard_that_is_killed_is_lost_and_another_one_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("LOST", "HANGS"):  # a stall of the machine is not to be taken for another loss
+    for name in ("GUARD_SILENCE", "HANGS"):  # a stall of the machine is not to be taken for another loss
         monkeypatch.setattr(f"txt1.cars.pi.driver.{name}", LIMIT)
     registers = tmp_path / "registers"
     hal = create(config("donkeycar", f"hal_options.bus={registers}"))
@@ -1631,7 +1631,7 @@ def test_a_guard_that_does_not_begin_is_told_and_leaves_no_process(
     program: str, error: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if "sleep" in program:
-        monkeypatch.setattr(driver, "START", 0.2)
+        monkeypatch.setattr(driver, "GUARD_START_TIME", 0.2)
     process = pretends(program, tmp_path, monkeypatch)
     before = opened()
     with pytest.raises(HalError, match=error) as told:
@@ -1642,7 +1642,7 @@ def test_a_guard_that_does_not_begin_is_told_and_leaves_no_process(
 def test_a_guard_that_starts_slowly_has_more_time_at_the_next_attempt(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(driver, "START", 0.05)
+    monkeypatch.setattr(driver, "GUARD_START_TIME", 0.05)
     process = pretends("import time; time.sleep(60)", tmp_path, monkeypatch)
 
     async def told() -> str:

@@ -9,7 +9,7 @@ import pytest
 
 from txt1.config import load
 from txt1.errors import LightFault
-from txt1.learning.finite_readings import SILENT, FiniteReadings
+from txt1.learning.finite_readings import DARK_AFTER, FiniteReadings
 from txt1.learning.registry import LEARNERS, make
 from txt1.learning.trial import Start, Trial, task_of
 from txt1.model.light_sensors import Readings
@@ -35,18 +35,18 @@ def test_a_reading_that_is_no_number_now_and_then_repeats_the_last_number(bad: f
 def test_a_sensor_that_stays_silent_is_dark_and_all_four_are_refused() -> None:
     gate = FiniteReadings()
     gate.readings(0.0, GOOD)
-    assert gate.readings(SILENT + SAMPLE, GOOD._replace(front_right=nan)) == (10.0, 0.0, 30.0, 40.0)
+    assert gate.readings(DARK_AFTER + SAMPLE, GOOD._replace(front_right=nan)) == (10.0, 0.0, 30.0, 40.0)
     assert gate.fault == "light sensor FR reads nan, which is no reading"
-    gate.readings(SILENT + 2 * SAMPLE, GOOD)
+    gate.readings(DARK_AFTER + 2 * SAMPLE, GOOD)
     assert gate.fault == ""
     with pytest.raises(LightFault, match=r"FL reads nan.*RR reads nan"):
-        gate.readings(2.0 * SILENT + 3 * SAMPLE, Readings(nan, nan, nan, nan))
+        gate.readings(2.0 * DARK_AFTER + 3 * SAMPLE, Readings(nan, nan, nan, nan))
 
 
 def test_before_the_first_number_nothing_is_passed() -> None:
     gate = FiniteReadings()
     assert gate.readings(0.0, GOOD._replace(rear_left=nan)) is None
-    assert gate.readings(SILENT + SAMPLE, GOOD._replace(rear_left=nan)) == (10.0, 20.0, 0.0, 40.0)
+    assert gate.readings(DARK_AFTER + SAMPLE, GOOD._replace(rear_left=nan)) == (10.0, 20.0, 0.0, 40.0)
 
 
 def test_odometry_that_is_no_number_repeats_the_last() -> None:

@@ -14,7 +14,7 @@ from tests.examples import examples
 from txt1.errors import LinkLost
 from txt1.kernel.clock import VirtualClock
 from txt1.kernel.loop import VirtualTimeLoop, clock_of
-from txt1.link.base import BACKLOG, connect
+from txt1.link.base import BYTES_WAITING_MAX, connect
 from txt1.link.impairments import Way, faulty, paced
 from txt1.sim.parameters import LineFaults
 from txt1.sim.serial_line import LineFault, SerialLine
@@ -59,12 +59,12 @@ def test_a_paced_line_that_is_given_too_much_drops_whole_writes_and_counts_them(
         connect(host, paced(board, 57600))
         for _ in range(1000):  # 4.5 s worth of frames at once
             board.link.write(FRAME)
-        assert board.link.overflows == 1000 - BACKLOG // 26
+        assert board.link.overflows == 1000 - BYTES_WAITING_MAX // 26
         await asyncio.sleep(1.0)
-        assert host.data == FRAME * (BACKLOG // 26)
+        assert host.data == FRAME * (BYTES_WAITING_MAX // 26)
         board.link.write(FRAME)
         await asyncio.sleep(1.0)
-        assert len(host.data) == 26 * (BACKLOG // 26 + 1)
+        assert len(host.data) == 26 * (BYTES_WAITING_MAX // 26 + 1)
         board.link.close()
 
     run_quietly(main(), "max")

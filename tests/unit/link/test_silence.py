@@ -15,7 +15,7 @@ from txt1.errors import HalError
 from txt1.link import ports
 from txt1.link.base import Link
 from txt1.link.device import DevicePort
-from txt1.link.silence import FIRST, LONGEST, LOST_LONGEST, Ladder, Step, Watched
+from txt1.link.silence import FIRST_PAUSE, LONGEST_PAUSE, LOST_LONGEST, Ladder, Step, Watched
 
 
 def climbed(ladder: Ladder, until: float) -> list[tuple[float, Step]]:
@@ -36,7 +36,7 @@ def test_a_silent_device_is_greeted_and_then_its_port_is_opened_with_growing_pau
     assert steps == (Step.GREET, *[Step.OPEN] * (len(steps) - 1))
     assert times[:6] == (3.0, 5.0, 7.0, 11.0, 19.0, 29.0)
     pauses = [b - a for a, b in pairwise(times)]
-    assert pauses == sorted(pauses) and pauses[-1] == LONGEST, "for ever"
+    assert pauses == sorted(pauses) and pauses[-1] == LONGEST_PAUSE, "for ever"
     assert str(ladder) == f"greeted again, opened again {len(steps) - 1} times"
 
 
@@ -64,7 +64,7 @@ def test_a_lost_port_is_tried_soon_and_at_last_about_once_a_second() -> None:
         time = ladder.due
         assert ladder.take(time) is Step.OPEN
         assert ladder.due == inf, "one attempt at a time"
-    assert pauses[:4] == [FIRST, 0.2, 0.4, 0.8] and set(pauses[4:]) == {LOST_LONGEST}
+    assert pauses[:4] == [FIRST_PAUSE, 0.2, 0.4, 0.8] and set(pauses[4:]) == {LOST_LONGEST}
 
 
 class Wire(Link):

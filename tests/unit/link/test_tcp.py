@@ -63,7 +63,7 @@ def test_a_second_host_is_turned_away_while_the_first_talks() -> None:
 
 
 def test_a_silent_host_gives_way_to_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tcp, "SILENT", 0.0)
+    monkeypatch.setattr(tcp, "HOST_SILENCE", 0.0)
 
     async def main() -> None:
         board, first, second = End(), End(), End()

@@ -35,7 +35,7 @@ from txt1.ros.topics import JOINTS, recorded, turned
 from txt1.ros.urdf import robot_description
 from txt1.sensors.base import Reading
 from txt1.sensors.mounts import ORIGINAL, TO_OPTICAL
-from txt1.sensors.readings import BASE, OPTICAL, Mount, Scan
+from txt1.sensors.readings import BASE_HEIGHT, OPTICAL, Mount, Scan
 from txt1.telemetry.messages import DEFINITIONS, schema_name, schema_text
 from txt1.telemetry.topics import Rule, Topic
 
@@ -158,7 +158,7 @@ def test_the_description_has_every_wheel_joint_and_sensor_in_its_place(steering:
     for link, mount in ORIGINAL:
         joint = robot.joint_map[f"{link}_joint"]
         assert (joint.parent, joint.type) == ("base_link", "fixed")
-        assert joint.origin.xyz == pytest.approx([mount.x, mount.y, mount.z - BASE])
+        assert joint.origin.xyz == pytest.approx([mount.x, mount.y, mount.z - BASE_HEIGHT])
     optical = robot.joint_map[f"{OPTICAL}_joint"]
     assert optical.parent == "base_camera_link" and optical.origin.rpy == pytest.approx([-tau / 4, 0.0, -tau / 4])
     moving = {joint.name for joint in robot.joints if joint.type == "revolute"}
@@ -170,7 +170,7 @@ def test_the_description_has_every_wheel_joint_and_sensor_in_its_place(steering:
 
 
 def test_a_laser_that_looks_back_is_described_so() -> None:
-    text = robot_description("", Geometry(), (("base_behind_laser_link", Mount(-0.3, 0.02, BASE, pi)),))
+    text = robot_description("", Geometry(), (("base_behind_laser_link", Mount(-0.3, 0.02, BASE_HEIGHT, pi)),))
     origin = URDF.from_xml_string(text.partition("\n")[2]).joint_map["base_behind_laser_link_joint"].origin
     assert (origin.xyz, origin.rpy) == ([-0.3, 0.02, 0.0], [0.0, 0.0, pytest.approx(pi, abs=1e-5)])
 
@@ -199,7 +199,7 @@ def test_ros_is_told_where_each_laser_sits_before_its_first_scan() -> None:
             await asyncio.sleep(0.5)
             hear()
             rear = robot.runtime.sensors["behind"].sensor.topic
-            scan = Scan(0.0, 0.1, 0.0, np.ones(3, np.float32), 0.1, 4.0, mount=Mount(-0.3, 0.0, BASE, pi))
+            scan = Scan(0.0, 0.1, 0.0, np.ones(3, np.float32), 0.1, 4.0, mount=Mount(-0.3, 0.0, BASE_HEIGHT, pi))
             robot.runtime.bus.publish(rear, scan, robot.now)
             hear()
 

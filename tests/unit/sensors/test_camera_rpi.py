@@ -24,7 +24,7 @@ from txt1.sensors.camera_rpi import RpiCameraOptions, RpicamStream, command, com
 from txt1.sensors.frame_grabber import Exposed, Frames
 from txt1.sensors.readings import Image
 from txt1.sensors.registry import DRIVERS
-from txt1.sensors.virtual_rpicam import TURN, film, options
+from txt1.sensors.virtual_rpicam import BAR_PERIOD, film, options
 
 Pillow = pytest.importorskip("PIL.Image", reason="JPEG needs the extra 'camera'")
 
@@ -106,7 +106,7 @@ def test_each_picture_has_the_time_of_its_own_exposure(codec: Any, size: int) ->
         if (newest := stream.newest()) is not None:
             picture, stamp = newest
             jpeg = compressed(picture, 128, 64, 90) if codec == "yuv420" else picture
-            found.append((round(place(jpeg) * TURN), int(stamp)))
+            found.append((round(place(jpeg) * BAR_PERIOD), int(stamp)))
     # of what has waited, only the newest counts
     assert len(found) == 1 if size > len(data) else len(found) > 1
     number, first = found[0]

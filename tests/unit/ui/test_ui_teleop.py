@@ -11,7 +11,7 @@ from txt1.config.schema import TeleopConfig
 from txt1.control.hand import DEFAULT_HAND
 from txt1.control.holding import LASTS
 from txt1.errors import CommandRefused
-from txt1.ui.teleop import DECAY, HELD, Teleop
+from txt1.ui.teleop import DECAY, KEY_HELD, Teleop
 
 
 def test_an_untouched_keyboard_says_nothing() -> None:
@@ -25,8 +25,8 @@ def test_a_key_holds_then_decays_then_falls_silent() -> None:
     teleop = Teleop(speed=0.5)
     teleop.key("w", 10.0)
     assert teleop.command(10.0) == (0.5, 0.0)
-    assert teleop.command(10.0 + HELD) == pytest.approx((0.5, 0.0))
-    v, _ = teleop.command(10.0 + HELD + DECAY / 2) or (0.0, 0.0)
+    assert teleop.command(10.0 + KEY_HELD) == pytest.approx((0.5, 0.0))
+    v, _ = teleop.command(10.0 + KEY_HELD + DECAY / 2) or (0.0, 0.0)
     assert v == pytest.approx(0.25)
     assert teleop.command(11.01) == (0.0, 0.0)
     assert teleop.command(11.06) is None
@@ -51,9 +51,9 @@ def test_repeats_keep_it_going_for_three_seconds_and_its_decay() -> None:
     assert stood == pytest.approx(LASTS + DECAY, abs=0.11)
     teleop.key("w", 12.0)
     assert teleop.command(12.0) is None, "nobody listened meanwhile: the computer stood still"
-    teleop.command(12.1 + HELD)
-    teleop.key("w", 12.2 + HELD)
-    assert teleop.command(12.2 + HELD) == (0.5, 0.0), "a press after a pause is fresh"
+    teleop.command(12.1 + KEY_HELD)
+    teleop.key("w", 12.2 + KEY_HELD)
+    assert teleop.command(12.2 + KEY_HELD) == (0.5, 0.0), "a press after a pause is fresh"
 
 
 def test_another_key_is_a_fresh_press() -> None:
@@ -164,9 +164,9 @@ def test_every_sequence_ends_with_one_zero_and_then_silence(keys: list[tuple[str
         now += pause
         teleop.key(key, now)
     try:
-        first = teleop.command(now + HELD + DECAY + 0.01)
+        first = teleop.command(now + KEY_HELD + DECAY + 0.01)
     except CommandRefused:
         # one key for so long that its presses count as repeats
         first = (0.0, 0.0)
     assert first == ((0.0, 0.0) if any(key in "wasd" for key, _ in keys) else None)
-    assert teleop.command(now + HELD + DECAY + 0.02) is None
+    assert teleop.command(now + KEY_HELD + DECAY + 0.02) is None

@@ -19,7 +19,7 @@ from ui_tty import Tty
 
 from tests.patience import LIMIT
 from txt1.telemetry.snapshot import Snapshot
-from txt1.ui.terminal_process import STALE
+from txt1.ui.terminal_process import STALE_KEY_AGE
 
 ROOT = Path(__file__).parents[3]
 
@@ -130,7 +130,7 @@ def test_it_draws_reports_keys_and_acknowledges(drawing: Drawing) -> None:
 def test_a_key_typed_while_it_was_held_up_drives_a_simulation_alone(drawing: Drawing) -> None:
     os.kill(drawing.process.pid, signal.SIGSTOP)
     drawing.tty.type(b"w ")
-    time.sleep(2.0 * STALE)
+    time.sleep(2.0 * STALE_KEY_AGE)
     os.kill(drawing.process.pid, signal.SIGCONT)
     assert drawing.keys(1) == (["w", "space"] if drawing.options else ["space"])
 

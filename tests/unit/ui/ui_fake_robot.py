@@ -83,5 +83,5 @@ async def main() -> None:
 
 
 if __name__ == "__main__":
-    terminal.BACKLOG = LIMIT  # s that a key may have waited for a machine that was busy
+    terminal.KEY_AGE_MAX = LIMIT  # s that a key may have waited for a machine that was busy
     run(main(), speed=float(sys.argv[2]) if len(sys.argv) > 2 else None)

@@ -141,7 +141,7 @@ async def test_a_viewer_that_reads_nothing_costs_the_others_nothing(desk: Desk) 
 
 
 async def test_a_viewer_that_does_not_answer_is_sent_away(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(camera_server, "SLOW", 0.1)
+    monkeypatch.setattr(camera_server, "VIEWER_TIME_OUT", 0.1)
     async with desk.look() as socket:
         desk.show("front")
         await picture(socket)

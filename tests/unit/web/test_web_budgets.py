@@ -19,7 +19,7 @@ from tests.patience import LIMIT  # noqa: E402
 from tests.unit.web.test_web_routes import Site, served  # noqa: E402
 from txt1.web import budgets, connections  # noqa: E402
 from txt1.web.budgets import ADDRESS, CONNECTS, OWN, RESERVE, TOTAL, Account, Budget, Budgets  # noqa: E402
-from txt1.web.connections import FAREWELL, PIECE  # noqa: E402
+from txt1.web.connections import FAREWELL, READ_BYTES  # noqa: E402
 
 STOP: Final = frame(1, b'{"do": "stop"}')
 
@@ -179,7 +179,7 @@ async def test_a_server_that_was_held_up_looks_for_a_stop_before_it_closes(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # as late as its loop may be, what has come is read
-    monkeypatch.setattr(connections, "PARTING", 0.0)
+    monkeypatch.setattr(connections, "ABORT_AFTER", 0.0)
     reader, writer = await opened(site)
     # more than its budget, and no more than waits in the system at once
     writer.write(frame(1, b'"stop"' + b"x" * 6000) * 2 + STOP)
@@ -195,7 +195,7 @@ async def test_a_flood_without_an_end_is_read_for_a_while_only(site: Site) -> No
             writer.write(frame(9, b"") * 1000)
             await writer.drain()
     await site.until(lambda: not site.pages.connected)
-    assert FAREWELL >= 4 * PIECE
+    assert FAREWELL >= 4 * READ_BYTES
 
 
 async def test_pings_are_answered_as_long_as_they_are_paid(site: Site) -> None:

@@ -21,7 +21,7 @@ from txt1.web.auth import Role  # noqa: E402
 from txt1.web.budgets import Budgets  # noqa: E402
 from txt1.web.pages import FAST, PAGE_RATE, Page, Pages  # noqa: E402
 from txt1.web.requests import CHOSEN_MAX, POINTS_MAX, take  # noqa: E402
-from txt1.web.wheel import AGE_MAX, PageClock  # noqa: E402
+from txt1.web.wheel import COMMAND_AGE_MAX, PageClock  # noqa: E402
 
 NOW: Final = 100.0
 STANDS: Final[list[tuple[str, dict[str, object]]]] = [("release", {}), ("halt", {})]
@@ -73,7 +73,7 @@ class Desk:
 @pytest.fixture
 def desk(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Desk:
     monkeypatch.setattr(requests, "now", lambda: NOW)
-    monkeypatch.setattr(pages, "NEWS", 0.0)
+    monkeypatch.setattr(pages, "STATUS_PERIOD", 0.0)
     return Desk(tmp_path)
 
 
@@ -157,7 +157,7 @@ async def test_a_page_that_shows_a_recording_moves_nothing(do: str, desk: Desk) 
 
 
 @pytest.mark.parametrize("do", TIMED)
-@pytest.mark.parametrize("late", [AGE_MAX + 0.01, -0.01, inf, nan])
+@pytest.mark.parametrize("late", [COMMAND_AGE_MAX + 0.01, -0.01, inf, nan])
 async def test_a_request_that_is_late_or_of_the_future_is_counted_and_does_nothing(
     do: str, late: float, desk: Desk
 ) -> None:
@@ -353,7 +353,7 @@ async def test_all_pages_are_told_of_many_changes_at_once_and_of_the_last(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One page that takes the wheel and gives it up again and again does not make the server write to all others."""
-    monkeypatch.setattr(pages, "NEWS", 0.05)
+    monkeypatch.setattr(pages, "STATUS_PERIOD", 0.05)
     page, other = desk.join(), desk.join()
     other.outbox.clear()
     for _ in range(6):

@@ -313,7 +313,7 @@ async def test_whoever_exceeds_the_budget_is_closed_a_page_after_it_was_read_on(
     page: bool, lost: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(connections, "PACE", 0.0)
-    monkeypatch.setattr(connections, "PARTING", 0.0)
+    monkeypatch.setattr(connections, "ABORT_AFTER", 0.0)
     metered = Metered(Connections(asyncio.Protocol, None, lambda: 100.0), "127.0.0.1")
     transport = _Transport()
     metered.connection_made(transport)

@@ -21,8 +21,8 @@ from tests.patience import LIMIT  # noqa: E402
 from txt1.web import pages as pages_module  # noqa: E402
 from txt1.web import requests, routes  # noqa: E402
 from txt1.web.auth import Role  # noqa: E402
-from txt1.web.budgets import FRAME, PING, Account, Address, Budget, Budgets  # noqa: E402
-from txt1.web.pages import STOPS, Page, Pages  # noqa: E402
+from txt1.web.budgets import FRAME_COST, PING_COST, Account, Address, Budget, Budgets  # noqa: E402
+from txt1.web.pages import STOPS_PERIOD, Page, Pages  # noqa: E402
 from txt1.web.requests import REQUESTS, STOP_MAX, take  # noqa: E402
 from txt1.web.routes import SEARCHED, listen  # noqa: E402
 
@@ -92,7 +92,7 @@ def frozen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Time stands still, so no page's budget grows, however slow the computer is."""
     for module in (requests, routes):
         monkeypatch.setattr(module, "now", lambda: 0.0)
-    monkeypatch.setattr(pages_module, "STOPS", 0.0)
+    monkeypatch.setattr(pages_module, "STOPS_PERIOD", 0.0)
 
 
 @pytest.mark.usefixtures("frozen")
@@ -151,9 +151,9 @@ async def test_of_many_stops_at_once_the_first_and_the_last_are_passed_on(
     assert len(page.outbox) == 1, "what was not passed on is not confirmed"
     async with asyncio.timeout(LIMIT):
         while robot.times("stop") == 1:
-            await asyncio.sleep(STOPS)
+            await asyncio.sleep(STOPS_PERIOD)
     assert robot.asked[-1] == ("stop", {}) and robot.times("stop") == 2 and len(page.outbox) == 2
-    present += STOPS
+    present += STOPS_PERIOD
     take(pages, page, STOP)
     assert robot.times("stop") == 3
 
@@ -190,7 +190,7 @@ async def test_pings_and_pongs_cost_a_page_its_budget_and_are_not_answered_beyon
     pages, socket = pages_of(robot), Socket(*[aiohttp.WSMsgType.PING, aiohttp.WSMsgType.PONG] * BURST, STOP)
     page = join(pages, socket)
     await listen(pages, page, socket)  # type: ignore[arg-type]
-    assert socket.pongs == BURST // (PING + FRAME) and page.account.exceeded
+    assert socket.pongs == BURST // (PING_COST + FRAME_COST) and page.account.exceeded
     assert robot.times("stop") == 1, "it is obeyed behind them"
 
 
@@ -254,7 +254,7 @@ def test_nothing_that_a_page_sends_raises_and_what_is_right_is_done_after_it(mes
         pages = pages_of(robot)
         page, other = join(pages), join(pages)
         # no stop waits for another
-        patch.setattr(pages_module, "STOPS", 0.0)
+        patch.setattr(pages_module, "STOPS_PERIOD", 0.0)
         for message in messages:
             asked = {**message[1], "do": message[0]} if isinstance(message, tuple) else message
             take(pages, page, json.dumps(asked))

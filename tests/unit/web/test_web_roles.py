@@ -89,7 +89,7 @@ async def test_a_request_does_what_its_role_may_in_each_state_of_the_wheel(
     do: str, role: Role, state: str, promised: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(requests, "now", lambda: NOW)
-    monkeypatch.setattr(pages, "NEWS", 0.0)
+    monkeypatch.setattr(pages, "STATUS_PERIOD", 0.0)
     desk = Desk(tmp_path)
     page, operator, visitor = desk.join(role), desk.join(), desk.join("visitor")
     holder = {"own": page, "free": None}.get(state, operator if "operator" in state else visitor)

@@ -13,7 +13,7 @@ aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: the e
 
 from tests.patience import LIMIT  # noqa: E402
 from tests.unit.web.test_web_server import HOST, Clock, clock, port, serving  # noqa: E402, F401
-from txt1.web.troubles import TOLD, Troubles, counting  # noqa: E402
+from txt1.web.troubles import TOLD_CHARACTERS, Troubles, counting  # noqa: E402
 
 AT: Final = b"Host: 127.0.0.1\r\n"
 FORM: Final = b"Content-Type: application/x-www-form-urlencoded\r\n"
@@ -80,7 +80,7 @@ def test_of_many_troubles_the_first_the_tenth_and_so_on_are_told() -> None:
         troubles.note(f"number {k}\n\x1b[31m{'x' * 1000}")
     assert [text.partition(" ?[31mx")[0].rpartition(" ")[2] for text in told] == ["0", "9", "99", "999"]
     assert troubles.count == 1234
-    assert all(text.isprintable() and len(text) < TOLD + 80 for text in told)
+    assert all(text.isprintable() and len(text) < TOLD_CHARACTERS + 80 for text in told)
 
 
 def logs(text: str, error: Exception | None = None) -> None:

@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from txt1.web.budgets import Budget
-from txt1.web.wheel import AGE_MAX, IDLE, SAMPLES, PageClock, PageWheel, Sequence
+from txt1.web.wheel import COMMAND_AGE_MAX, IDLE, ROUND_TRIPS, PageClock, PageWheel, Sequence
 
 seconds = st.floats(0.0, 1e6)
 delays = st.floats(0.0, 5.0)
@@ -28,7 +28,7 @@ def test_a_command_is_never_taken_for_younger_than_it_is(
     origin = now + 1.0
     age = clock.age(origin + offset, origin + late)
     assert age >= late - 1e-6
-    assert age <= late + min(there + back for _, there, back in trips[-SAMPLES:]) + 1e-6
+    assert age <= late + min(there + back for _, there, back in trips[-ROUND_TRIPS:]) + 1e-6
 
 
 @given(offset=st.floats(-1e5, 1e5), jump=st.floats(10.0, 1e5), there=st.floats(0.0, 0.1), back=st.floats(0.0, 0.1))
@@ -125,4 +125,4 @@ def test_the_wheel_changes_hands_only_when_it_is_given_or_idle_or_by_rank(steps:
 def test_a_late_command_is_one_that_the_gate_would_not_obey() -> None:
     from txt1.control.parameters import Safety
 
-    assert Safety().command_timeout == AGE_MAX
+    assert Safety().command_timeout == COMMAND_AGE_MAX

@@ -36,7 +36,7 @@ from txt1.model.vehicle import PWM_MAX, STEERING_MAX, Geometry, sides
 from txt1.units import Positive
 
 # s without an answer from the guard
-LOST: Final = 0.3
+GUARD_SILENCE: Final = 0.3
 # s for which a guard may leave pulses unanswered; then it is killed
 HANGS: Final = 0.2
 # s that a guard may take to end; then it is killed
@@ -46,15 +46,15 @@ DIES: Final = 1.0
 # s that this process tries to put out neutral in place of a guard
 WRITES: Final = 2.0
 # s of neutral before the first other output, in which an ESC arms
-SETTLED: Final = 1.0
+ESC_ARM_TIME: Final = 1.0
 # counts that are neutral: less than a servo board resolves
-NOTHING: Final = 1.0
+NEUTRAL_COUNTS: Final = 1.0
 # s without an edge of an encoder after which the car stands
-STILL: Final = 0.1
+EDGE_SILENCE: Final = 0.1
 # s for which the bus may fail, and then between the first two attempts to start a new guard
 BUS_PATIENCE: Final = 2.0
 # s that a guard may take to start, as Python on a Raspberry Pi 3; doubled each time that it was not enough
-START: Final = 10.0
+GUARD_START_TIME: Final = 10.0
 NOT_NEUTRAL: Final = (
     "the outputs are perhaps not neutral: their guard was killed, and the bus fails; "
     "switch the ESC off, or take its battery out"
@@ -181,7 +181,7 @@ class Process:
         self._unanswered = inf
         self._ladder = Ladder(BUS_PATIENCE, greets=False)
         # s that the next guard may take to start
-        self._patience = START
+        self._patience = GUARD_START_TIME
 
     async def open(self) -> None:
         """Start the guard, and wait until it has put out neutral."""
@@ -190,7 +190,7 @@ class Process:
         except GuardSlow:
             self._patience *= 2.0
             raise
-        self._rest, self._again, self._unanswered, self._patience = b"", inf, inf, START
+        self._rest, self._again, self._unanswered, self._patience = b"", inf, inf, GUARD_START_TIME
 
     async def close(self) -> None:
         """End the guard; its outputs are then neutral, even if it had to be killed. Raises HalError if they are not."""
@@ -367,7 +367,7 @@ class PiHal(PlainHal):
         geometry: Geometry,
         channels: Channels = STRAIGHT,
         simulated: bool = False,
-        dead_band: float = NOTHING,
+        dead_band: float = NEUTRAL_COUNTS,
     ) -> None:
         encoders = len(options.encoders)
         self.capabilities = Capabilities(
@@ -378,7 +378,7 @@ class PiHal(PlainHal):
             simulated=simulated,
         )
         self._keeper, self._options, self._geometry, self._channels = keeper, options, geometry, channels
-        self._dead_band = max(dead_band, NOTHING)
+        self._dead_band = max(dead_band, NEUTRAL_COUNTS)
         self._skids = geometry.steering == "skid"
         self._neutral = neutral(options, geometry, channels)
         self._forget()
@@ -420,9 +420,9 @@ class PiHal(PlainHal):
             self._take(answer, now)
         elif answer is not None:
             self._failures += 1
-        if now - self._heard > LOST:
+        if now - self._heard > GUARD_SILENCE:
             self._lose("the outputs are lost: the bus fails, or their guard hangs")
-        ready = now - self._heard_since >= SETTLED
+        ready = now - self._heard_since >= ESC_ARM_TIME
         link = BoardLink(ready, self._losses, self._reason, self._text, {"bus_failures": self._failures})
         if link != self._link:
             self._link = link
@@ -472,7 +472,7 @@ class PiHal(PlainHal):
             self._coasts = False
             if motor and all(passes) and not self._esc.waits:
                 # an encoder of one pin shows no direction: the car has to stand before its motor turns the other way
-                rolls = len(self._options.encoders[0]) == 1 and now - self._turned < STILL
+                rolls = len(self._options.encoders[0]) == 1 and now - self._turned < EDGE_SILENCE
                 self._coasts = rolls and self._forward is not (motor > 0.0)
                 if self._coasts:
                     passes = (False,)
@@ -480,7 +480,7 @@ class PiHal(PlainHal):
                     self._forward = motor > 0.0
             self._share = min(max(-front / STEERING_MAX, -1.0), 1.0)
         pulses = self._neutral
-        if now - self._heard_since >= SETTLED:
+        if now - self._heard_since >= ESC_ARM_TIME:
             pulses = pulses_of(outputs, self._options, self._geometry)
             if not all(passes):
                 each = zip(pulses, self._neutral, (*passes, True, True), strict=False)
@@ -497,16 +497,16 @@ class PiHal(PlainHal):
         slower = outputs.v - turning
         # a PWM test has no set-point, and neither has a stop, at which loops may brake
         unknown = outputs.v == outputs.omega == 0.0
-        forward = tuple(counts > -NOTHING for counts in motors)
+        forward = tuple(counts > -NEUTRAL_COUNTS for counts in motors)
         if options.reverse is None:
             self._refused = not all(forward)
             if self._refused and (slower < 0.0 or (unknown and not options.encoders)):
                 self._text = UNKNOWN
             # a rover whose one side stands would turn
             return (not self._refused,) * len(motors)
-        if max(motors) >= NOTHING:
+        if max(motors) >= NEUTRAL_COUNTS:
             self._rolls_until = now + coasting_time(SPEED_MAX if unknown else abs(outputs.v) + turning)
-        stands = now - self._turned >= STILL if options.encoders else now >= self._rolls_until
+        stands = now - self._turned >= EDGE_SILENCE if options.encoders else now >= self._rolls_until
         if slower > 0.0 and not all(forward):
             # loops that slow down, so the car rolls on
             self._esc.passes([max(counts, 0.0) for counts in motors], now, stands=stands, brakes=False)

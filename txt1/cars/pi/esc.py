@@ -13,8 +13,8 @@ command that drives backwards after a drive forward passes four stages:
 3. CLICK s of neutral.
 4. The reverse side turns the motor backwards, until a pulse drives forward.
 
-After FORGOTTEN s of neutral all this begins again, as the ESC may have been switched off meanwhile. An ESC that would
-have reversed at once then turns the motor backwards for CLICK s, and stops for CLICK s, before it goes on.
+After ESC_FORGOTTEN s of neutral all this begins again, as the ESC may have been switched off meanwhile. An ESC that
+would have reversed at once then turns the motor backwards for CLICK s, and stops for CLICK s, before it goes on.
 
 Motors of two sides wait for each other. While they wait, the car does not follow its outputs.
 """
@@ -26,9 +26,9 @@ from typing import Final
 # s of a pulse that the ESC has to notice: five pulses at 50 Hz
 CLICK: Final = 0.1
 # s of neutral after which the state of an ESC is not known any more
-FORGOTTEN: Final = 1.0
+ESC_FORGOTTEN: Final = 1.0
 # s by which a cycle may be early
-EARLY: Final = 1e-6
+CYCLE_EARLY: Final = 1e-6
 
 
 class BrakeFirst:
@@ -55,7 +55,7 @@ class BrakeFirst:
         if any(abs(counts) >= band for counts in motors):
             self._driven = now
         self._reverse = [
-            known and counts < band and now - self._driven < FORGOTTEN
+            known and counts < band and now - self._driven < ESC_FORGOTTEN
             for known, counts in zip(self._reverse, motors, strict=True)
         ]
         shut = tuple(counts <= -band and not known for counts, known in zip(motors, self._reverse, strict=True))
@@ -66,9 +66,9 @@ class BrakeFirst:
         if self._clicked == inf and stands:
             self._clicked = now
         clicks = now - self._clicked
-        if clicks < CLICK - EARLY:
+        if clicks < CLICK - CYCLE_EARLY:
             return shut if brakes or self._clicked < inf else (False,) * len(shut)
-        if clicks < 2.0 * CLICK - EARLY:
+        if clicks < 2.0 * CLICK - CYCLE_EARLY:
             return (False,) * len(shut)
         self._reverse = [known or now_known for known, now_known in zip(self._reverse, shut, strict=True)]
         self.waits, self._clicked = False, inf

@@ -28,7 +28,7 @@ from typing import Any, Final, NamedTuple, Protocol
 # ms without pulses after which the outputs become neutral
 SILENCE_MS: Final = 200
 # attempts to put out neutral when a bus fails
-TRIES: Final = 20
+NEUTRAL_TRIES: Final = 20
 # factor on these attempts after the host has gone, which takes a minute
 LAST_TRIES: Final = 300
 # units of 10 ms after which Linux gives up a transfer; by default it waits for a second
@@ -253,7 +253,7 @@ class Guarded:
 
     def neutral(self) -> bool:
         """Put out neutral pulses, again and again while the bus fails; return whether it succeeded."""
-        for _ in range(TRIES):
+        for _ in range(NEUTRAL_TRIES):
             with suppress(OSError):
                 self.output.put(self.setup.neutral)
                 return True

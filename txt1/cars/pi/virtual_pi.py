@@ -24,7 +24,7 @@ MONOSTABLE_TIME: Final = 0.2
 # counts around neutral that an ESC takes for it, no more than the dead bands of motors
 NEUTRAL: Final = 300.0
 # m/s at which an ESC takes the car to stand
-STANDS: Final = 0.05
+ESC_STANDS_SPEED: Final = 0.05
 # s for which a cut line leaves the servo board without power
 AWAY: Final = 1.0
 
@@ -86,12 +86,12 @@ class VirtualEsc:
         """Return the counts that act on a car that rolls at `rolls` m/s."""
         if abs(counts - self._neutral) < NEUTRAL:
             # only a car that stands is let into reverse, where it stays
-            self._reverses |= self._braked and abs(rolls) < STANDS
+            self._reverses |= self._braked and abs(rolls) < ESC_STANDS_SPEED
         elif counts > self._neutral:
             self._braked = self._reverses = False
         elif not (self._direct or self._reverses):
             self._braked = True
-            return counts if rolls > STANDS else self._neutral
+            return counts if rolls > ESC_STANDS_SPEED else self._neutral
         return counts
 
 

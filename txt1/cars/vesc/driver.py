@@ -25,7 +25,7 @@ from txt1.model.vehicle import Geometry
 from txt1.units import NotNegative, Positive, PositiveInt, Share
 
 # counts of the tachometer in an electrical turn
-STEPS: Final = 6
+TACHOMETER_STEPS: Final = 6
 # longest payload, bytes
 LENGTH_MAX: Final = 512
 # s: a longer time-out of the controller is reported
@@ -283,7 +283,7 @@ class VescHal(PlainHal):
         self._options, self._geometry = options, geometry
         sign = -1.0 if options.backwards else 1.0
         self._erpm_per_speed = sign * 60.0 * options.pole_pairs * options.gear / geometry.circumference
-        self._count_length = sign * geometry.circumference / (STEPS * options.pole_pairs * options.gear)
+        self._count_length = sign * geometry.circumference / (TACHOMETER_STEPS * options.pole_pairs * options.gear)
         self.imu: tuple[float, ImuValues] | None = None
         """The last answer of its IMU, and the loop's time when it came; None: there was none."""
         self._unpacker = Unpacker()

@@ -18,7 +18,7 @@ from txt1.units import NotNegative
 # s between two questions
 ANSWER_PERIOD: Final = 0.02
 # g: the first acceleration of a car that stands lies within this of 1
-NEAR: Final = 0.2
+GRAVITY_NEAR: Final = 0.2
 SIGMA: Final = ImuSigma(rates=0.02, acceleration=1.0, attitude=0.0, heading=0.0)
 """Assumed; it tells no orientation here."""
 
@@ -82,7 +82,7 @@ class VescImu:
         if not any(values.acceleration):
             self._found = False
             raise HalError("the VESC tells an acceleration of 0: it has no IMU, or none is set in VESC Tool, App, IMU")
-        if not self._found and abs(size - 1.0) > NEAR:
+        if not self._found and abs(size - 1.0) > GRAVITY_NEAR:
             remedy = "let the car stand still, and check its IMU in VESC Tool, App, IMU"
             raise HalError(f"the VESC's IMU tells {size:.2f} g at first, and not 1: {remedy}")
         self._found = True

@@ -10,7 +10,7 @@ from struct import Struct, pack, unpack_from
 from typing import Final
 
 from txt1.board.line_faults import far_end
-from txt1.cars.vesc.driver import SCALES, STEPS, PacketId, Unpacker, VescOptions, packet
+from txt1.cars.vesc.driver import SCALES, TACHOMETER_STEPS, PacketId, Unpacker, VescOptions, packet
 from txt1.config import Config, checked
 from txt1.hal.simulated_controller import Controller, ControllerPort
 from txt1.link.base import Link
@@ -23,7 +23,7 @@ VESC_TIMEOUT: Final = 1.0
 # electrical turns a minute below which the speed loop lets the motor roll; the firmware's default
 ERPM_MIN: Final = 900.0
 # s, shortest time in which the simulated IMU measures a turn
-LEAST: Final = 1e-3
+TURN_TIME_MIN: Final = 1e-3
 # length of its settings in bytes, about
 APPCONF: Final = 470
 # signature of the settings' layout; every firmware has another
@@ -48,7 +48,7 @@ class Vesc(Controller):
         self._options = options
         sign = -1.0 if options.backwards else 1.0
         turns = options.pole_pairs * options.gear / config.geometry.circumference
-        self._erpm_per_speed, self._steps_per_m = 60.0 * sign * turns, STEPS * sign * turns
+        self._erpm_per_speed, self._steps_per_m = 60.0 * sign * turns, TACHOMETER_STEPS * sign * turns
         self._unpacker = Unpacker()
         self._command, self._value = PacketId.SET_CURRENT, 0.0
         self._servo = options.servo_centre
@@ -125,7 +125,7 @@ class Vesc(Controller):
         """Return the values that are asked for; those that are not simulated are 0."""
         now, theta = self.now, self.car.vehicle.motion[2]
         before, old = self._turned
-        rate = wrap_angle(theta - old) / max(now - before, LEAST)
+        rate = wrap_angle(theta - old) / max(now - before, TURN_TIME_MIN)
         self._turned = now, theta
         across = self.car.vehicle.motion[3] * rate / GRAVITY
         felt = {4: across, 5: 1.0, 8: degrees(rate)} if self.imu else {}

@@ -41,7 +41,7 @@ PWM_FULL: Final = 255
 # bytes; a report has about 200
 LINE_MAX: Final = 2048
 # ms between two reports
-EVERY: Final = 20
+REPORT_PERIOD_MS: Final = 20
 SETTINGS_EVERY: Final = 1.0  # s
 # V: a larger number is in hundredths of a volt; a smaller one than LOW comes of a sensor that is missing
 HUNDREDTHS: Final = 60.0
@@ -49,17 +49,17 @@ LOW: Final = 5.0
 # m by which paths in whole centimetres jump
 ROUNDED: Final = 0.011
 # m/s at which a side may have rolled on although it reports a stand
-SLOW: Final = 0.3
+UNNOTICED_SPEED: Final = 0.3
 # s within which delayed reports may arrive all at once
 BURST: Final = 0.1
 # s without a report, after which a board that starts at 0 has restarted: reports come every 20 ms
-RESTART: Final = 0.2
+RESTART_GAP: Final = 0.2
 # change of a side's speed between reports: m/s, and m/s^2 in addition
 KICK: Final = 1.0, 10.0
 # change of a yaw rate between reports: rad/s, and rad/s^2 in addition
 SWING: Final = 2.0, 100.0
 # s for which a yaw rate is valid
-GAP: Final = 0.2
+YAW_RATE_AGE_MAX: Final = 0.2
 # reports at rest after which it is known which axis of the board points up
 UPRIGHT: Final = 5
 # reports at rest after which the gyroscope's bias is known
@@ -196,7 +196,7 @@ def rolls_on(before: BoardReport, after: BoardReport, dt: float) -> bool:
         (before.path_right, after.path_right, before.right, after.right),
     ):
         fastest = max(abs(u or 0.0), abs(v or 0.0))
-        most = ROUNDED + 1.5 * fastest * max(dt, BURST) + SLOW * dt
+        most = ROUNDED + 1.5 * fastest * max(dt, BURST) + UNNOTICED_SPEED * dt
         if was is not None and now is not None and abs(now - was) > most:
             return False
     return True
@@ -209,7 +209,7 @@ def began_anew(before: BoardReport, after: BoardReport, dt: float) -> bool:
     back.
     """
     was, now = (before.path_left, before.path_right), (after.path_left, after.path_right)
-    if None in was or None in now or after.left or after.right or dt < RESTART:
+    if None in was or None in now or after.left or after.right or dt < RESTART_GAP:
         return False
     return max(map(abs, now)) < ROUNDED <= max(map(abs, was))  # type: ignore[arg-type]
 
@@ -329,7 +329,7 @@ class WaveshareHal(PlainHal):
         if time >= self._set + SETTINGS_EVERY - 1e-9:
             self._set = time
             heartbeat = round(1000.0 * self._options.heartbeat)
-            for command, value in ((ECHO, 0), (FEEDBACK, 1), (INTERVAL, EVERY), (HEARTBEAT, heartbeat)):
+            for command, value in ((ECHO, 0), (FEEDBACK, 1), (INTERVAL, REPORT_PERIOD_MS), (HEARTBEAT, heartbeat)):
                 data += line(command, cmd=value)
         self.line.send(data)
 
@@ -373,7 +373,7 @@ class WaveshareHal(PlainHal):
                 return
         self._doubted = None
         before, self._report = self._report, report
-        dt, self._taken = min(since, GAP), time
+        dt, self._taken = min(since, YAW_RATE_AGE_MAX), time
         self.line.heard()
         if before is None:
             dt = 0.0

@@ -17,9 +17,9 @@ HAND_PERIOD: Final = 0.05
 # s after which a vehicle with its motor in neutral stands
 STAND: Final = 2.5
 # s in which the steering arrives
-SETTLE: Final = 0.6
+STEERING_TIME: Final = 0.6
 # counts beyond the dead band at which distances are driven
-CRUISE: Final = 1200
+CRUISE_COUNTS: Final = 1200
 # s after which a drive ends even without the operator
 DRIVE_PATIENCE: Final = 60.0
 
@@ -128,7 +128,7 @@ class Bench:
     @property
     def cruise(self) -> float:
         """Motor counts for driving distances."""
-        return min(self.config.car.dead_band + CRUISE, float(self.config.safety.motor_max))
+        return min(self.config.car.dead_band + CRUISE_COUNTS, float(self.config.safety.motor_max))
 
     @property
     def speed(self) -> float:

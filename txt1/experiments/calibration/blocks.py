@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from txt1.errors import HalError
-from txt1.experiments.calibration.bench import HAND_PERIOD, SETTLE, STAND, Bench, Hands, Operator
+from txt1.experiments.calibration.bench import HAND_PERIOD, STAND, STEERING_TIME, Bench, Hands, Operator
 from txt1.model.channels import NEUTRAL_MAX
 from txt1.model.vehicle import PWM_MAX, SIDES, STEERING_MAX
 
@@ -14,13 +14,13 @@ RAMP: Final = 200.0
 # the same, until a person sees something turn
 SLOW_RAMP: Final = 100.0
 # encoder counts above the noise
-TURNED: Final = 4
+TURNED_COUNTS: Final = 4
 # counts beyond the start of turning at which the wheels surely turn
 BEYOND: Final = 400
 # encoder counts of a wheel in the second after that, at least
 WELL_TURNED: Final = 20
 # counts a second by which the steering is turned to its stop
-SWEEP: Final = 1500.0
+STEERING_SWEEP: Final = 1500.0
 # counts at which it begins
 SWEEP_FROM: Final = 3000.0
 # s by which an operator is late to report that wheels have stopped turning
@@ -153,7 +153,7 @@ async def _until_it_turns(hands: Hands, ask: Operator, name: str, sign: int, sid
             await hands.wait(HAND_PERIOD)
             now = hands.counts
             if before is not None and now is not None:
-                if max(abs(now[0] - before[0]), abs(now[1] - before[1])) >= TURNED:
+                if max(abs(now[0] - before[0]), abs(now[1] - before[1])) >= TURNED_COUNTS:
                     return sign * counts
             elif seeing is not None and seeing.done():
                 return sign * counts
@@ -204,7 +204,7 @@ async def steering(bench: Bench) -> None:
         await ask.ready("watch", f"Watch the {axle} wheels: they are about to steer.")
         async with bench.by_hand(changes) as hands:
             turn(hands, 2.0 * SWEEP_FROM)
-            await hands.wait(SETTLE)
+            await hands.wait(STEERING_TIME)
             way = await ask.choose(axle, f"Which way do the {axle} wheels point, seen from above?", ("left", "right"))
             stops = [await _stop(ask, hands, axle, sign, turn) for sign in (1, -1)]
         bench.found(
@@ -228,21 +228,21 @@ async def _stop(ask: Operator, hands: Hands, axle: str, sign: int, turn: Callabl
     wire = SWEEP_FROM
     while True:
         turn(hands, sign * wire)
-        await hands.wait(SETTLE)
+        await hands.wait(STEERING_TIME)
         text = f"Press Enter as soon as the {axle} wheels turn no further."
         seeing = asyncio.ensure_future(ask.seen(f"{axle}_stop", text))
         while wire < PWM_MAX and not seeing.done():
-            wire += SWEEP * HAND_PERIOD
+            wire += STEERING_SWEEP * HAND_PERIOD
             turn(hands, sign * wire)
             await hands.wait(HAND_PERIOD)
         if not seeing.done():
             seeing.cancel()
             return sign * float(PWM_MAX)
         turn(hands, sign * min(wire + FURTHER, PWM_MAX))
-        await hands.wait(SETTLE)
+        await hands.wait(STEERING_TIME)
         further = await ask.choose(f"{axle}_further", f"Did the {axle} wheels jump further just now?", ("yes", "no"))
         if further == "no":
-            return sign * (wire - SWEEP * REACTION)
+            return sign * (wire - STEERING_SWEEP * REACTION)
 
 
 async def servo(bench: Bench) -> None:

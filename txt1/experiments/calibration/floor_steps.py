@@ -6,27 +6,27 @@ from typing import Final
 
 from txt1.control.limits import clip
 from txt1.errors import HalError
-from txt1.experiments.calibration.bench import DRIVE_PATIENCE, SETTLE, STAND, Bench, Operator
+from txt1.experiments.calibration.bench import DRIVE_PATIENCE, STAND, STEERING_TIME, Bench, Operator
 from txt1.model.odometry import Odometry
 from txt1.model.vehicle import STEERING_MAX
 
 # s of turning in place: the error of a guessed angle is some degrees, whatever the time
 TURNING: Final = 16.0
 # m to drive straight
-DISTANCE: Final = 3.0
+STRAIGHT_DISTANCE: Final = 3.0
 # rad of heading lost per metre that count as straight
 DRIFT: Final = radians(0.3)
 # smallest share of the other axle's angle that an axle has at full lock
 UNLIKE: Final = 0.5
 # largest number of drives
-TRIES: Final = 4
+DRIVES_MAX: Final = 4
 # standard deviation of an axle's middle between its two stops, as a share of full lock; assumed
 MIDDLE: Final = 0.03
 # m, standard deviation of a measurement with a tape; assumed
-TAPE: Final = 0.005
+TAPE_SIGMA: Final = 0.005
 # rad, the same of the heading with which it is put on the line; assumed
 ALIGNED: Final = radians(0.3)
-LINE: Final = f"Put the vehicle at the beginning of a straight line of {DISTANCE + 2.0:g} m, along it."
+LINE: Final = f"Put the vehicle at the beginning of a straight line of {STRAIGHT_DISTANCE + 2.0:g} m, along it."
 OFF: Final = "How far left of the line is it (right: negative)?"
 
 # counts of the right and left encoder; None without encoders
@@ -40,8 +40,8 @@ async def straight(bench: Bench) -> None:
         await _even_sides(bench)
         return
     # the car's nose may point aside of its way: variances of that angle before a drive, and as a tape tells it
-    known, told = (MIDDLE * geometry.steering_max) ** 2, (0.7 * TAPE / geometry.wheelbase) ** 2 + ALIGNED**2
-    for number in range(TRIES):
+    known, told = (MIDDLE * geometry.steering_max) ** 2, (0.7 * TAPE_SIGMA / geometry.wheelbase) ** 2 + ALIGNED**2
+    for number in range(DRIVES_MAX):
         await ask.ready("line", LINE)
         shown = await _go_straight(bench)
         ahead = await _length(ask, "ahead", "How far did it come along the line?")
@@ -81,7 +81,7 @@ async def straight(bench: Bench) -> None:
 
 async def _length(ask: Operator, key: str, text: str) -> float:
     """Return a positive length in m; ask again for any other answer. Raises HalError after that."""
-    for _ in range(TRIES):
+    for _ in range(DRIVES_MAX):
         length = await ask.number(key, text, "m")
         if length > 0.0:
             return length
@@ -92,7 +92,7 @@ async def _length(ask: Operator, key: str, text: str) -> float:
 async def _even_sides(bench: Bench) -> None:
     """Find scales and trims with which both sides have the same speed: two unknowns, so forward and backward."""
     ask, geometry, band = bench.operator, bench.config.geometry, bench.config.car.dead_band
-    for _ in range(TRIES):
+    for _ in range(DRIVES_MAX):
         bends, more = [], []
         for sign, where in ((1.0, ""), (-1.0, " It drives backward.")):
             await ask.ready("line", LINE + where)
@@ -121,15 +121,15 @@ async def _go_straight(bench: Bench, by_hand: float | None = None) -> float | No
         v = bench.speed
         async with bench.robot() as robot:
             begin = robot.odometry
-            await robot.drive(v, 0.0, DISTANCE / v)
+            await robot.drive(v, 0.0, STRAIGHT_DISTANCE / v)
             await asyncio.sleep(STAND)
             return _shown(begin, robot.odometry)
     async with bench.by_hand() as hands:
-        await hands.wait(SETTLE)
+        await hands.wait(STEERING_TIME)
         begin = hands.robot.odometry
         hands.steer(bench.cruise if by_hand is None else by_hand)
         seen = bench.operator.seen(
-            "gone", f"Press Enter when it has gone about {DISTANCE:g} m, or has turned a good way."
+            "gone", f"Press Enter when it has gone about {STRAIGHT_DISTANCE:g} m, or has turned a good way."
         )
         await hands.until(seen)
         hands.steer(0.0)
@@ -146,17 +146,17 @@ def _shown(begin: Odometry, end: Odometry) -> float:
 async def scale(bench: Bench) -> None:
     """Find the scale of distances, for hardware that closes the loops, and the straight position of its servo."""
     ask, v, geometry = bench.operator, bench.speed, bench.config.geometry
-    for _ in range(TRIES):
+    for _ in range(DRIVES_MAX):
         await ask.ready("line", LINE)
         async with bench.robot() as robot:
             options = robot.hal.own_channels
             x, y = robot.odometry[:2]
-            await robot.drive(v, 0.0, DISTANCE / v)
+            await robot.drive(v, 0.0, STRAIGHT_DISTANCE / v)
             await asyncio.sleep(STAND)
             shown = hypot(robot.odometry.x - x, robot.odometry.y - y)
         ahead = await _length(ask, "ahead", "How far did it come along the line?")
         off = 0.0 if options is None else await ask.number("off", OFF, "m")
-        if shown < 0.1 * DISTANCE:
+        if shown < 0.1 * STRAIGHT_DISTANCE:
             raise HalError(f"its odometry shows {shown:.2f} m: no scale corrects that; 'txt1 doctor' looks closer")
         bend, path = _arc(ahead, off)
         if bench.config.hal == "serial":
@@ -280,7 +280,7 @@ async def _go_round(bench: Bench, sign: int) -> tuple[Counts, Counts]:
         return None, None
     async with bench.by_hand() as hands:
         hands.steer(0.0, sign * STEERING_MAX)
-        await hands.wait(SETTLE)
+        await hands.wait(STEERING_TIME)
         before = hands.counts
         hands.steer(bench.cruise, sign * STEERING_MAX)
         await hands.until(bench.operator.seen("round", about))

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from txt1.control.open_loop import counts_for
-from txt1.experiments.calibration.bench import SETTLE, Bench
+from txt1.experiments.calibration.bench import STEERING_TIME, Bench
 from txt1.experiments.identify import identify, try_out
 from txt1.experiments.tune import angular_gains, linear_gains
 
@@ -70,7 +70,7 @@ async def _speed_at(bench: Bench, counts: float, wanted: float) -> float:
             "line", f"Put the vehicle on a mark: it drives {seconds:.1f} s {way}, at some {abs(wanted):.1f} m/s."
         )
         async with bench.by_hand() as hands:
-            await hands.wait(SETTLE)
+            await hands.wait(STEERING_TIME)
             hands.steer(counts)
             await hands.wait(seconds)
         gone.append(await ask.number("gone", "How far did it come from the mark?", "m"))

@@ -27,11 +27,11 @@ QUANTITIES: Final = {
 }
 """The learned quantities: in words, the unit, the number of units in an SI unit, and the manoeuvre that shows it."""
 # share of its sigma before the drive below which the drive has shown a quantity; chosen
-SHOWN: Final = 0.7
+SHOWN_SHARE: Final = 0.7
 # m, s and 1, the smallest standard deviations that are written
-LEAST: Final = 0.001
+SIGMA_MIN: Final = 0.001
 # standard deviation of slip in curves, which looks like a wider track; chosen
-SLIPS: Final = 0.02
+SLIP_SIGMA: Final = 0.02
 
 
 class SensorFindings(NamedTuple):
@@ -75,7 +75,7 @@ def _told(calibration: Calibration) -> Iterator[str]:
         return
     for (name, (words, unit, factor, manoeuvre)), before in zip(QUANTITIES.items(), calibration.start, strict=True):
         value, sigma = calibration.learned(name)
-        shown = "" if sigma < SHOWN * sqrt(before) else f"; this drive does not show it: drive {manoeuvre}"
+        shown = "" if sigma < SHOWN_SHARE * sqrt(before) else f"; this drive does not show it: drive {manoeuvre}"
         yield f"{factor * value:.4g} {unit} {words} (sigma {factor * sigma:.2g}{shown})"
 
 
@@ -88,11 +88,11 @@ def _track(estimator: Estimator, runtime: Runtime, gyros: list[str]) -> tuple[li
     if not before:
         return ["track: taken for exact, by estimation.track_sigma"], {}
     line = f"track: {100.0 * share:.3g} % wider than stated, slip in curves included (sigma {100.0 * sigma:.2g}"
-    if sigma >= SHOWN * before:
+    if sigma >= SHOWN_SHARE * before:
         return [f"{line}; this drive does not show it: drive curves to both sides)"], {}
     width = runtime.config.geometry.track_width * (1.0 + share)
-    found = {"geometry.track_width": round(width, 4), "estimation.track_sigma": round(hypot(sigma, SLIPS), 3)}
-    return [f"{line})"], found if abs(share) > 2.0 * hypot(sigma, SLIPS) else {}
+    found = {"geometry.track_width": round(width, 4), "estimation.track_sigma": round(hypot(sigma, SLIP_SIGMA), 3)}
+    return [f"{line})"], found if abs(share) > 2.0 * hypot(sigma, SLIP_SIGMA) else {}
 
 
 def _settings(estimator: Estimator, name: str, calibration: Calibration, gyros: list[str]) -> dict[str, dict[str, Any]]:
@@ -103,12 +103,12 @@ def _settings(estimator: Estimator, name: str, calibration: Calibration, gyros: 
     if hypot(right.x, right.y):
         x, y = given[name].lever
         found[name] = {"lever": [round(x + right.x, 4), round(y + right.y, 4)]}
-        found[name]["lever_sigma"] = round(max(ahead, left, LEAST), 3)
+        found[name]["lever_sigma"] = round(max(ahead, left, SIGMA_MIN), 3)
     delay = given[name].delay + right.delay
     if right.delay and delay >= 0.0:
         found.setdefault(name, {})["delay"] = round(delay, 4)
-        found[name]["delay_sigma"] = round(max(calibration.learned("delay").sigma, LEAST), 4)
+        found[name]["delay_sigma"] = round(max(calibration.learned("delay").sigma, SIGMA_MIN), 4)
     for gyro in gyros if right.scale else ():
         found[gyro] = {"scale": round((1.0 + given[gyro].scale) * (1.0 + right.scale) - 1.0, 5)}
-        found[gyro]["scale_sigma"] = round(max(calibration.learned("scale").sigma, LEAST), 4)
+        found[gyro]["scale_sigma"] = round(max(calibration.learned("scale").sigma, SIGMA_MIN), 4)
     return found

@@ -21,9 +21,9 @@ from txt1.robot import Robot
 from txt1.sim.vehicle import Vehicle
 
 # s between two looks of an operator at the car
-LOOK: Final = 0.05
+OPERATOR_LOOK_PERIOD: Final = 0.05
 # standard deviation of a measurement with a tape, m
-TAPE: Final = 0.005
+TAPE_SIGMA: Final = 0.005
 # standard deviation of the heading with which the car is placed on the line, rad
 ALIGNED: Final = radians(0.2)
 # reaction time of an operator, s: at least, at most
@@ -33,7 +33,7 @@ STIRS: Final = 0.004
 # rad that wheels have to steer before an operator sees it
 TURNS: Final = radians(0.2)
 # s after which wheels that steer less seem to stand
-STOPPED: Final = 0.5
+SEEMS_STOPPED: Final = 0.5
 # rad of turn at which an operator ends a drive that should be straight
 ASKEW: Final = 1.2
 # m that it should go
@@ -143,13 +143,13 @@ class SimulatedOperator:
         marks = self._points()
         self._widest = (0.0, 0.0, 0.0)
         while True:
-            await asyncio.sleep(LOOK)
+            await asyncio.sleep(OPERATOR_LOOK_PERIOD)
             x, y, theta = self._vehicle.pose
             gone = (dist(point, mark) for point, mark in zip(self._points(), marks, strict=True))
             self._widest = tuple(map(max, self._widest, gone))
             turned, heading = turned + wrap_angle(theta - heading), theta
             # slow motion becomes visible when it has added up
-            still += LOOK
+            still += OPERATOR_LOOK_PERIOD
             if abs(self._steered(key) - angle) > TURNS:
                 angle, still = self._steered(key), 0.0
             self._seen = self._steered(key)
@@ -157,7 +157,7 @@ class SimulatedOperator:
                 "turning": max(map(abs, self._since())) > STIRS,
                 "gone": hypot(x, y) >= GONE or abs(turned) >= ASKEW,
                 "round": abs(turned) >= 2.0 * pi,
-            }.get(key, still > STOPPED):
+            }.get(key, still > SEEMS_STOPPED):
                 return await asyncio.sleep(self._rng.uniform(*REACTION))
 
     async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
@@ -188,7 +188,7 @@ class SimulatedOperator:
             "front_diameter": self._widest[1],
             "rear_diameter": self._widest[2],
         }[key]
-        return float(truth + self._rng.normal(0.0, TAPE))
+        return float(truth + self._rng.normal(0.0, TAPE_SIGMA))
 
     def _points(self) -> tuple[tuple[float, float], ...]:
         """Return the pose, and the middles of the front and rear axle of a car that steers both, m."""
@@ -298,8 +298,8 @@ async def judge(
             await asyncio.sleep(UP_TO_SPEED)
             (x, y, theta), path = vehicle.pose, 0.0
             first = theta
-            for _ in range(round(2.0 * JUDGED / LOOK)):
-                await asyncio.sleep(LOOK)
+            for _ in range(round(2.0 * JUDGED / OPERATOR_LOOK_PERIOD)):
+                await asyncio.sleep(OPERATOR_LOOK_PERIOD)
                 path += hypot(vehicle.pose[0] - x, vehicle.pose[1] - y)
                 x, y = vehicle.pose[:2]
             last = vehicle.pose[2]

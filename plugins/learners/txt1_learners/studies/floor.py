@@ -25,7 +25,7 @@ from txt1.config import Config
 from txt1.config.sources import with_values
 from txt1.errors import ConfigError
 from txt1.learning.batch import OUTPUT, PHASE, ROWS, TICK_MS, control, encode, only_ours
-from txt1.learning.best_time import BEARINGS, DECISION_MS, Floor, rounded_up
+from txt1.learning.best_time import DECISION_MS, DRIVEN_BEARINGS, Floor, rounded_up
 from txt1.learning.settings import LearningConfig
 from txt1.learning.trial import Start, task_of
 from txt1.sim.batch import LEFT, RIGHT, Array, X, Y, move, powered
@@ -183,7 +183,7 @@ def floor_of(config: Config) -> Floor:
     """Search for the floor of a world; seconds with numba."""
     search = Search(config)
     times, ways, gaps = [], [], []
-    for bearing in np.arange(BEARINGS) * (2.0 * pi / BEARINGS) - pi:
+    for bearing in np.arange(DRIVEN_BEARINGS) * (2.0 * pi / DRIVEN_BEARINGS) - pi:
         place = search.task.start_radius * np.array([cos(bearing), sin(bearing)])
         reached, way, gap = search.best(np.tile(place, (search.horizon * TICKS + 1, 1)))
         times.append(reached)

@@ -31,7 +31,7 @@ from txt1.learning.best_time import DECISION_MS
 from txt1.learning.settings import LearningConfig
 from txt1.learning.solvability import refuse_unsolvable
 from txt1.learning.trial import AGENT, SENSORS, Phase, Trial, starts, stream, task_of
-from txt1.learning.world import TOUCH, CheckedWorld, LightWorld, Pose, settled, world_of
+from txt1.learning.world import NO_ROOM, CheckedWorld, LightWorld, Pose, settled, world_of
 from txt1.model.light_sensors import LUX_MAX, LUX_MIN, Mount, Readings, SensorFault
 from txt1.sensors.sim_laser import LaserParameters, SimulatedLaser
 from txt1.sensors.sim_vicon import TrackerErrors
@@ -278,10 +278,10 @@ def touches(config: Config) -> Callable[[Pose], bool] | None:
 
     def touched(pose: Pose) -> bool:
         x, y, theta = pose
-        if room.walls is not None and clearance(x, y, theta, room, body) < TOUCH:
+        if room.walls is not None and clearance(x, y, theta, room, body) < NO_ROOM:
             return True
         at = Box(x + body.centre * cos(theta), y + body.centre * sin(theta), body.length, body.width, theta)
-        return any(gap(at, each) < TOUCH for each in obstacles)
+        return any(gap(at, each) < NO_ROOM for each in obstacles)
 
     return touched
 
