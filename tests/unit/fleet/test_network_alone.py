@@ -21,7 +21,7 @@ from txt1.fleet.members import NEW, Member
 from txt1.fleet.messages import StopAnswer
 from txt1.fleet.network import OTHERS_MAX, PORTS, REPEAT, Hooks, Peer, configuration, gives_way
 from txt1.fleet.radio import ROBOT_SILENCE
-from txt1.fleet.stopping import Standing
+from txt1.fleet.stopping import Standing, StopOfAll
 from txt1.kernel.clock import NS_PER_S, RealClock, VirtualClock
 
 FLEET: Final = "alone"
@@ -120,6 +120,7 @@ class Air:
         self.clock.spend(BEGAN)
         self.sessions: list[Session] = []
         self.tokens: list[str] = []  # of others
+        self.looks = 0  # of a peer at the stop that it gave
         self.before: Callable[[str], object] = lambda key: None
         """Called before each message is put."""
         self.opening: Callable[[dict[str, Any]], object] = lambda settings: None
@@ -193,10 +194,10 @@ class Alone:
         return last[0]
 
     def repeats(self, number: int = 3) -> None:
-        """Wait until the stop is said some times more."""
+        """Wait until the stop is said some times more, and is looked at as often: two threads do that."""
         where = f"stop/{self.peer.name}"
-        most = len(self.said(where)) + number
-        wait_until(lambda: len(self.said(where)) >= most)
+        most, looks = len(self.said(where)) + number, self.air.looks + number
+        wait_until(lambda: self.air.looks >= looks and len(self.said(where)) >= most)
 
 
 @pytest.fixture
@@ -206,6 +207,13 @@ def air(monkeypatch: pytest.MonkeyPatch) -> Air:
     monkeypatch.setattr(network, "_free", lambda port: True)
     monkeypatch.setattr(network, "REPEAT", 0.002)
     monkeypatch.setattr(network, "PING_LEAST", 0.002)
+    expect = vars(Peer)["_expect"]
+
+    def looked(peer: Peer, stop: StopOfAll) -> None:
+        made.looks += 1
+        expect(peer, stop)
+
+    monkeypatch.setattr(Peer, "_expect", looked)
     return made
 
 
