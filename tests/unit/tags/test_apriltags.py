@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections.abc import Mapping
+from functools import cache
 from math import cos, hypot, pi, radians, sin
 from random import Random
 from typing import Any
@@ -101,10 +102,14 @@ def test_tags_without_a_place_are_ignored_and_the_back_of_a_tag_shows_nothing() 
     assert not seen(photo(before(PLACES[5], 1.0, pi, 0.0)))
 
 
+@cache
+def near() -> Image:
+    """A tag at 1 m."""
+    return photo(before(PLACES[5], 1.0, 0.0, 0.0))
+
+
 class Fed(TagSensor):
     """It gets a picture every 0.1 s; the clock of the run begins when it is opened."""
-
-    picture = photo(before(PLACES[5], 1.0, 0.0, 0.0))
 
     def __init__(self) -> None:
         super().__init__("fed_tags", TagOptions(PLACES, SIZE, 60.0))
@@ -122,7 +127,7 @@ class Fed(TagSensor):
     async def feed(self) -> None:
         while True:
             await asyncio.sleep(0.1)
-            self.saw(Reading(asyncio.get_running_loop().time(), self.picture))
+            self.saw(Reading(asyncio.get_running_loop().time(), near()))
 
 
 class TestTags(SensorConformance):
@@ -136,8 +141,8 @@ def test_a_damaged_picture_shows_nothing_and_the_next_one_is_read() -> None:
         sensor.connected = True
         await sensor.open()
         found = []
-        for k, data in enumerate((Fed.picture.data, Fed.picture.data[:500], b"", Fed.picture.data), 1):
-            sensor.saw(Reading(float(k), Fed.picture._replace(data=data)))
+        for k, data in enumerate((near().data, near().data[:500], b"", near().data), 1):
+            sensor.saw(Reading(float(k), near()._replace(data=data)))
             await asyncio.sleep(0.1)
             told = sensor.read(float(k))
             found.append(told is not None and told.time == k)
