@@ -108,8 +108,9 @@ def test_rtk_30_cm_from_where_it_is_stated_is_found_and_stays_believed() -> None
     assert hypot(estimate.x - x, estimate.y - y) < 0.15
 
 
-@pytest.mark.parametrize("marked", [False, True])
-@pytest.mark.parametrize(("ahead", "curve"), [(0.3, 2.0), (-0.3, 2.0), (0.3, 3.0), (-0.3, 3.0)])
+@pytest.mark.parametrize(
+    ("ahead", "curve", "marked"), [(0.3, 2.0, False), (-0.3, 2.0, True), (0.3, 3.0, True), (-0.3, 3.0, False)]
+)
 def test_rtk_30_cm_off_is_believed_in_curves_of_2_and_3_s(ahead: float, curve: float, marked: bool) -> None:
     """In a curve its antenna goes another way than the car heads: that is no frame that moves."""
 
