@@ -40,6 +40,7 @@ def tags_on_the_wall(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("txt1.sensors.sim_camera.draw", draw)
 
 
+@pytest.mark.long
 def test_a_robot_that_knows_only_its_tags_docks_to_one() -> None:
     async def main() -> tuple[tuple[float, float, float], str]:
         async with Robot.open("sim", settings=SETTINGS, seed=1, arm=True) as robot:

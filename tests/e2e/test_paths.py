@@ -97,6 +97,7 @@ def test_the_owner_of_a_donkey_car_drives_it_on_the_desk_and_is_told_what_it_lac
     assert sum(map(len, desk + car)) / KEYS_A_SECOND < FIRST_SUCCESS
 
 
+@pytest.mark.long
 def test_who_comes_from_ros_with_a_bag_makes_a_map_and_drives_in_it(tmp_path: Path) -> None:
     page = (ROOT / "docs/tutorials/bag.md").read_text("utf-8")
     typed = ["txt1 log info drive.bag", "txt1 map drive.bag -o room"]

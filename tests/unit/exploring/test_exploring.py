@@ -124,6 +124,7 @@ def test_screens_see_the_frontiers_and_the_one_to_which_it_drives(tmp_path):
     explored(tmp_path / "room", driven)
 
 
+@pytest.mark.long
 def test_it_turns_round_to_drive_back_as_its_laser_looks_ahead(tmp_path):
     async def driven(robot: Robot) -> None:
         ways = {True: 0.0, False: 0.0}
