@@ -7,7 +7,7 @@ MINUTE = (
     "test_a_device_that_is_silent_for_a_minute_reads_on",
     "test_a_chip_that_is_silent_for_a_minute_is_told_and_reads_on",
 )
-USUAL = ("TestSerial", "TestScip")
+USUAL = ("TestSerial", "TestImu")
 # an RPLIDAR answers in three forms, by one driver
 LONG = ("TestRplidarUltra",)
 

@@ -67,7 +67,7 @@ def before(tag: tuple[float, float, float], distance: float, aside: float, turne
 @pytest.mark.parametrize("mount", [FRONT, Mount(0.1, 0.15, HEIGHT, 0.4), Mount(-0.2, -0.1, 0.3, pi)], ids=str)
 def test_the_pose_is_the_true_one_within_what_the_sigmas_tell(mount: Mount) -> None:
     random, offs, count = Random(1), [], 0
-    for _ in range(12):
+    for _ in range(8):
         pose = before(
             PLACES[5], random.uniform(0.7, 2.5), random.uniform(-0.9, 0.9), random.uniform(-0.2, 0.2) - mount.yaw
         )
@@ -78,7 +78,7 @@ def test_the_pose_is_the_true_one_within_what_the_sigmas_tell(mount: Mount) -> N
             offs.append(hypot(*off[:2]))
             assert abs(off[0]) < 3.0 * told.sigma_x and abs(off[1]) < 3.0 * told.sigma_y
             assert abs(off[2]) < 3.0 * told.sigma_theta
-    assert count >= 10 and sorted(offs)[len(offs) // 2] < 0.06
+    assert count >= 6 and sorted(offs)[len(offs) // 2] < 0.06
 
 
 def test_near_a_tag_the_pose_is_good_to_2_cm_and_a_degree() -> None:
