@@ -43,7 +43,9 @@ class PunctualSelector(selectors.DefaultSelector):
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         """Return the ready file objects, at the latest after `timeout` seconds (None: as soon as there are any)."""
         if timeout is not None and timeout > 0.0:
-            select.select([self.fileno()], [], [], timeout)
+            if not select.select([self.fileno()], [], [], timeout)[0]:
+                # the time-out: a timer is due, and what comes now has its turn after it
+                return []
             timeout = 0.0
         return super().select(timeout)
 
