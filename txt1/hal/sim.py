@@ -65,8 +65,7 @@ class SimHal(PlainHal):
 
     async def open(self) -> None:
         """Start with neutral outputs."""
-        self.outputs = NEUTRAL
-        self._command(NEUTRAL)
+        self.write(NEUTRAL, self.vehicle.time)
         self.world.expect(self.vehicle, clock_of(asyncio.get_running_loop()))
 
     async def close(self) -> None:
@@ -101,9 +100,6 @@ class SimHal(PlainHal):
         """Hold these outputs from `now` on."""
         self.vehicle.advance_to(now)
         self.outputs = outputs
-        self._command(outputs)
-
-    def _command(self, outputs: Outputs) -> None:
         motor, front, rear = outputs[:3]
         if self._wiring is None:
             self.vehicle.command(motor, front, rear)
