@@ -19,8 +19,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from importlib.machinery import ModuleSpec, PathFinder
 from math import inf
-from typing import Final
+from types import ModuleType
+from typing import Any, Final
 
 S: Final = float(os.environ.get("TXT_PATIENCE", "1"))
 """A second of the tests' patience."""
@@ -39,14 +41,14 @@ TXT1: Final = (sys.executable, "-P", __file__)
 STALLED: Final = (
     ("txt1.tasks.controller", "ODOMETRY_TIMEOUT", inf),
     ("txt1.tasks.mode", "VELOCITY_MIN", -1),
-    ("txt1.hal.serial", "LOST", LIMIT),
-    ("txt1.hal.line", "LOST", LIMIT),
-    ("txt1.cars.pi.driver", "LOST", LIMIT),
+    ("txt1.hal.serial", "BOARD_LOST", LIMIT),
+    ("txt1.hal.line", "ANSWER_SILENCE", LIMIT),
+    ("txt1.cars.pi.driver", "GUARD_SILENCE", LIMIT),
     ("txt1.cars.pi.driver", "HANGS", LIMIT),
     ("txt1.hal.restarts", "PAUSE", LIMIT),
     ("txt1.sidecar", "START", LIMIT),
     ("txt1.fleet.network", "STOP_FOR", LIMIT),
-    ("txt1.ui.terminal", "BACKLOG", LIMIT),
+    ("txt1.ui.terminal", "KEY_AGE_MAX", LIMIT),
 )
 """The numbers by which, after a stall, odometry, host, board, guard or bridge seem lost, and a key is too old."""
 LEAVING: Final = ("txt1.sidecar", "END_PATIENCE", 10.0 * S)
@@ -100,15 +102,34 @@ def surviving() -> Iterator[None]:
         yield
 
 
+class Patient(PathFinder):
+    """Finds modules whose numbers are set as soon as they are imported: a command imports few of them."""
+
+    @classmethod
+    def find_spec(cls, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        numbers = {name: value for module, name, value in (*STALLED, LEAVING) if module == fullname}
+        spec = super().find_spec(fullname, path, target) if numbers else None
+        if spec is not None and spec.loader is not None:
+            load = spec.loader.exec_module
+
+            def load_and_set(module: ModuleType) -> None:
+                load(module)
+                if strange := numbers.keys() - vars(module).keys():
+                    raise AttributeError(f"{fullname} has no {', '.join(strange)}")
+                vars(module).update(numbers)
+
+            spec.loader.exec_module = load_and_set  # type: ignore[method-assign]
+        return spec
+
+
 def main() -> None:
     """Do what the command `txt1` does, with a robot that lives through stalls of the machine."""
+    sys.meta_path.insert(0, Patient)
     from txt1 import __main__ as command
 
     for each in command.SIGNALS:
         signal.signal(each, command.leave)  # before the imports, as the command does
     os.environ.setdefault(*MISSED)
-    for module, name, value in (*STALLED, LEAVING):
-        setattr(import_module(module), name, value)
     command.main()
 
 
