@@ -22,7 +22,6 @@ Below are beliefs that know less than before, and `Walk`, which has how the stat
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import asin, cos, exp, hypot, inf, isfinite, sin, sqrt
-from operator import mul
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -50,9 +49,12 @@ Where the track width is known well, it is 0, and wheels that turn otherwise tha
 """
 SIZE: Final = 8
 # places of variances in a covariance's triangle
-XX, YY, TT, SS = 0, 8, 15, 33
+XX, YY, TT, BB, SS = 0, 8, 15, 30, 33
 # of all that slip has a part in
 OF_SLIP: Final = (6, 13, 19, 24, 28, 31, 33, 34)
+# places among the parameters: the share by which a gyro reads too much; how much it slides outwards in curves, s^2/m;
+# s by which the gyro is late
+SCALE, OUTWARDS, CLOCK = range(3)
 # m/s below which the steering angle is not told from speed and yaw rate
 CRAWL: Final = 0.05
 # s for which the tyres' angle to their way is off by the same amount: about a curve; chosen
@@ -62,18 +64,20 @@ SINE_MAX: Final = 0.88
 
 
 class Lean(NamedTuple):
-    """How a belief leans with a parameter that the filter takes for known, and what the misses tell of that.
+    """How a belief leans with parameters that the filter takes for known, and what places have told of these.
 
-    The separate bias filter of B. Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969: a state
-    more, kept outside of the filter, which need not know of it.
+    The separate bias filter of B. Friedland, *Treatment of bias in recursive filtering*, IEEE TAC 14(4), 1969: so many
+    states more, kept outside of the filter, which need not know of them. The parameters are told by places alone: what
+    wheels and gyro would tell of them may be slip. Elsewhere they are consider states (S. F. Schmidt, Advances in
+    Control Systems 3, 1966): they are not estimated, and their uncertainty counts.
     """
 
-    # the mean's change by a unit of the parameter
-    by: State
-    # sum of the squares of what a unit of it changes of each miss
-    known: float
-    # ... and of that times the miss
-    told: float
+    # the parameters, as they are taken for, shape (k,): by `SCALE`, `OUTWARDS`, and three for each sensor of positions
+    value: Array
+    # the mean's change by a unit of each, shape (8, k)
+    by: Array
+    # theirs, shape (k, k)
+    covariance: Array
 
 
 @dataclass(slots=True)
@@ -108,12 +112,14 @@ def _state(numbers: Iterable[float]) -> State:
     return x, y, theta, rolled, omega, bias, slip, width
 
 
-def upright(belief: Belief, value: float, variance: float) -> Belief:
-    """The belief that leans no more: the parameter has this value, and is uncertain by this variance about it."""
-    if belief.lean is None:
+def upright(belief: Belief, moved_by: Array | float = 0.0, spread: Array | None = None) -> Belief:
+    """The belief that leans no more: the parameters are moved, and uncertain by this covariance there; None: theirs."""
+    lean = belief.lean
+    if lean is None:
         return belief
-    by = np.array(belief.lean.by)
-    return belief_of(belief.mean - value * by, belief.covariance + variance * np.outer(by, by))
+    spread = lean.covariance if spread is None else spread
+    mean = np.array(belief.mean) - lean.by @ (moved_by + np.zeros(len(lean.value)))
+    return belief_of(mean, belief.covariance + lean.by @ spread @ lean.by.T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,11 +239,14 @@ def predict(
 
     lean = belief.lean
     if lean is not None:
-        (lx, ly, lt, lu, lo, lb, ls, lw), known, told = lean
-        lean = new(Lean, ((
-            lx + f_xt * lt + f_xu * lu + f_xo * lo + f_xs * ls, ly + f_yt * lt + f_yu * lu + f_yo * lo + f_ys * ls,
-            lt + f_to * lo, lu, lo, lb, ls, lw,
-        ), known, told))  # fmt: skip
+        by = lean.by.copy()
+        by[:3] += np.array((
+            (0.0, 0.0, f_xt, f_xu, f_xo, 0.0, f_xs, 0.0), (0.0, 0.0, f_yt, f_yu, f_yo, 0.0, f_ys, 0.0),
+            (0.0, 0.0, 0.0, 0.0, f_to, 0.0, 0.0, 0.0),
+        )) @ lean.by  # fmt: skip
+        if len(lean.value) > OUTWARDS:
+            by[:2, OUTWARDS] -= abs(v) * omega * v * s, -abs(v) * omega * v * c
+        lean = new(Lean, (lean.value, by, lean.covariance))
     # the speed has changed evenly, so it has moved the car by half of that over dt, as in `ramped`: BLK 6.3.2
     shared = 0.5 * qu * dt
     q_xu, q_yu = shared * f_xu, shared * f_yu
@@ -273,7 +282,9 @@ def update(
     residual: Sequence[float],
     h: Sequence[Row],
     sigmas: Sequence[float],
-    leans: float = 0.0,
+    leans: Array | None = None,
+    *,
+    tells: bool = True,
 ) -> tuple[Belief, float, list[float]]:
     """The belief with a measurement taken in, the square of its Mahalanobis distance (NIS), and its misses.
 
@@ -285,7 +296,9 @@ def update(
         residual: measurement less expectation, z - h(x).
         h: Jacobian of the expectation, by rows, each of the pose or of the motion.
         sigmas: standard deviations of the measurement's numbers, the roots of R's diagonal.
-        leans: by how much a unit of the parameter that the belief leans with changes each number.
+        leans: by how much a unit of each parameter that the belief leans with changes each number, by rows; None:
+            not at all.
+        tells: whether places tell of the parameters.
 
     """
     lean = belief.lean
@@ -302,6 +315,8 @@ def update(
     # the mean's change
     dx = dy = dt = du = do = db = ds = dw = nis = 0.0
     misses = []
+    if lean is not None:
+        (_, by, spread_then), delta = lean, np.zeros(len(lean.value))
     for place, row in enumerate(h):
         left, noise = residual[place], sigmas[place]
         # c = P h, its spread h c, and the part of what is left that the mean's change says already
@@ -346,7 +361,11 @@ def update(
         wu, wo = cu / sigma, co / sigma
         wb, ws, wz = cb / sigma, cs / sigma, cw / sigma
         if lean is not None:
-            lean = _leaning(lean, row, leans, sigma, miss, (wx, wy, wt, wu, wo, wb, ws, wz))
+            here = 0.0 if leans is None else leans[place]
+            by, spread_then, delta, square = _leaning(
+                by, spread_then, delta, row, here, sigma, miss, (wx, wy, wt, wu, wo, wb, ws, wz)
+            )
+            nis += square - miss * miss
         dx, dy, dt, du = dx + wx * miss, dy + wy * miss, dt + wt * miss, du + wu * miss
         do, db, ds = do + wo * miss, db + wb * miss, ds + ws * miss
         dw += wz * miss
@@ -367,6 +386,15 @@ def update(
         ss, ww = ss - ws * ws, ww - wz * wz
     if not isfinite(nis):
         return belief, nis, misses
+    if lean is not None:
+        if leans is not None and tells:
+            # the parameters, too, are where their mean is now
+            more = (by @ delta).tolist()
+            dx, dy, dt, du = dx - more[0], dy - more[1], dt - more[2], du - more[3]
+            do, db, ds, dw = do - more[4], db - more[5], ds - more[6], dw - more[7]
+            lean = new(Lean, (lean.value + delta, by, spread_then))
+        else:
+            lean = new(Lean, (lean.value, by, lean.covariance))
     x, y, t, u, o, b, s, w = belief.mean
     return Belief((x + dx, y + dy, t + dt, u + du, o + do, b + db, s + ds, w + dw), (
         xx, xy, xt, xu, xo, xb, xs, xw,
@@ -380,19 +408,25 @@ def update(
     ), lean), nis, misses  # fmt: skip
 
 
-def _leaning(lean: Lean, row: Row, leans: float, sigma: float, miss: float, w: State) -> Lean:
+def _leaning(
+    by: Array, spread: Array, delta: Array, row: Row, leans: Array | float, sigma: float, miss: float, w: State
+) -> tuple[Array, Array, Array, float]:
     """How the belief leans after a number: its row of the Jacobian, miss, sigma and w, as in `update`.
 
-    Only places tell of the parameter: what wheels would tell of it may be slip.
+    By how much the parameters have moved, `delta`, and their covariance are those of a Kalman filter of the misses.
+    The last is the number's part of the NIS.
     """
-    by = lean.by
     if isinstance(row, int):
         expected, tells = by[row], row <= THETA
     else:
-        expected, tells = sum(map(mul, row, by)), any(row[:ROLLED])
+        expected, tells = np.array(row) @ by, any(row[:ROLLED])
     moved = (leans - expected) / sigma
-    by = _state([each + more * moved for each, more in zip(by, w, strict=True)])
-    return new(Lean, (by, lean.known + tells * moved * moved, lean.told + tells * moved * miss))
+    by = by + np.array(w)[:, None] * moved
+    if not tells:
+        return by, spread, delta, miss * miss
+    gain = spread @ moved
+    own, left = 1.0 + float(moved @ gain), miss - float(moved @ delta)
+    return by, spread - gain[:, None] * (gain / own), delta + gain * (left / own), left * left / own
 
 
 def encoders(mean: State, *, exact: bool = True) -> tuple[tuple[float, float], tuple[Row, Row]]:
@@ -447,17 +481,13 @@ def antenna(mean: State, at: tuple[float, float]) -> tuple[tuple[float, float], 
     return (x + dx, y + dy), ((1.0, 0.0, -dy, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, dx, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
-GYRO: Final[State] = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
-"""The row of a gyro, which tells its bias, too."""
-
-
 def turned(
-    belief: Belief, turn: float, x: float, y: float, spread: Array, leans: Sequence[float] = (0.0,) * 5
+    belief: Belief, turn: float, x: float, y: float, spread: Array, leans: tuple[Array, Array] | None = None
 ) -> Belief:
     """The belief in another frame: turned by `turn` rad about the origin, then moved by (x, y) m.
 
     `spread` is the covariance of x, y and turn, shape (3, 3), of the frame where the robot is now. `leans` is how the
-    frame leans, of `hypotheses.aligned`.
+    turn, shape (k,), and the robot's place before it, shape (2, k), lean.
     """
     px, py, theta, *rest = belief.mean
     c, s = cos(turn), sin(turn)
@@ -466,12 +496,11 @@ def turned(
     rotated = f @ belief.covariance @ f.T
     rotated[:3, :3] += spread
     lean = belief.lean
-    if lean is not None:
-        turns, mid_x, mid_y, lean_x, lean_y = leans
-        lx, ly, lt, *others = lean.by
-        lx, ly = lx - lean_x - turns * (py - mid_y), ly - lean_y + turns * (px - mid_x)
-        lu, lo, lb, ls, lw = others
-        lean = lean._replace(by=(c * lx - s * ly, s * lx + c * ly, lt + turns, lu, lo, lb, ls, lw))
+    if lean is not None and leans is not None:
+        by = lean.by.copy()
+        by[THETA] += leans[0]
+        by[:2] = f[:2, :2] @ leans[1]
+        lean = lean._replace(by=by)
     return belief_of((x + c * px - s * py, y + s * px + c * py, theta + turn, *rest), rotated, lean)
 
 
@@ -497,6 +526,18 @@ def outside(
 SPEED: Final = 0.5
 
 
+def late_by(belief: Belief, change: float) -> Belief:
+    """The belief as the yaw rate has changed by so much, rad/s, which a gyro tells late: it has turned on meanwhile."""
+    lean = belief.lean
+    if lean is None or len(lean.value) <= CLOCK:
+        return belief
+    by = lean.by.copy()
+    by[THETA, CLOCK] -= change
+    x, y, theta, *rest = belief.mean
+    mean = _state((x, y, theta + float(lean.value[CLOCK]) * change, *rest))
+    return Belief(mean, belief.triangle, lean._replace(by=by))
+
+
 def considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sigmas: Sequence[float]) -> Belief:
     """The belief with the rates that wheels tell, which alone tell nothing of their slip.
 
@@ -513,7 +554,7 @@ def considered(belief: Belief, residual: Sequence[float], h: Sequence[Row], sigm
     left = np.eye(SIZE) - gain @ rows
     lean = belief.lean
     if lean is not None:
-        lean = lean._replace(by=_state(left @ lean.by))
+        lean = lean._replace(by=left @ lean.by)
     return belief_of(np.array(belief.mean) + gain @ np.array(residual), left @ p @ left.T + gain @ noise @ gain.T, lean)
 
 

@@ -12,20 +12,21 @@ gyro's shows slip where the track width is exact, else that width.
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, hypot, inf, isfinite, sin, sqrt
 from operator import attrgetter, sub
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.estimation.calibration import SURE, WORTH_SCALE, probability
 from txt1.estimation.filter import (
+    BB,
     BIAS,
-    GYRO,
     OMEGA,
+    OUTWARDS,
     ROLLED,
+    SCALE,
     SIZE,
     SLID,
     SLIP,
@@ -41,13 +42,13 @@ from txt1.estimation.filter import (
     Drift,
     Lean,
     Row,
-    State,
     Walk,
     antenna,
     belief_of,
     considered,
     encoders,
     grown,
+    late_by,
     moved,
     outside,
     predict,
@@ -61,7 +62,7 @@ from txt1.estimation.filter import (
     wandering,
     widened,
 )
-from txt1.estimation.hypotheses import LEVER, LONGEST, USUAL_SLIP, Besides, Frame, Reckoning, aligned, bent
+from txt1.estimation.hypotheses import LONGEST, USUAL_SLIP, Besides, Frame, Reckoning, aligned, bent
 from txt1.estimation.judging import (
     CHI99,
     KEEPS,
@@ -122,14 +123,19 @@ OUTVOTED: Final = "is contradicted by two others"
 WHEELS: Final = "the car moves otherwise than its wheels tell"
 JUMPED: Final = "has jumped"
 MOVES: Final = "tells a way that no car goes: its frame moves"
+# probability that a stated value is wrong, before anything was measured
+WRONG: Final = 0.1
 FRAMES: Final = "measures in another frame than"
+# s by which a gyro's readings are older than they say: anything up to their period
+GYRO_CLOCK: Final = 0.01 / sqrt(12.0)
+# of a gyro's scale, where it is stated to be exact
+KNOWN_SCALE: Final = 1e-6
+# m by which a mount may be off, at least, when a frame is judged
+LEVER: Final = 0.03
 # s in which another sensor has told the place
 RECENT: Final = 1.0
 
 _KEY: Final = attrgetter("key")
-
-Doubt = Callable[[State], tuple[float, float, float, float]]
-"""Variances (x, x and y, y, theta) that a sensor's errors of mount and clock cause at a mean."""
 
 
 @dataclass(slots=True)
@@ -139,6 +145,8 @@ class _Entry:
     measurement: Measurement
     belief: Belief
     key: tuple[float, str]
+    # s by which its time was put back already, as its sensor is late
+    late: float = 0.0
     # whether it is still to be judged: once, though it may be computed again
     new: bool = True
     # whether it counts in the belief
@@ -151,6 +159,14 @@ class _Entry:
     wider: Array | None = None
 
 
+class Calibrated(NamedTuple):
+    """A quantity with its standard deviation, and the one at the start."""
+
+    value: float
+    sigma: float
+    start: float
+
+
 class Fusion:
     """The filter of one robot.
 
@@ -159,11 +175,11 @@ class Fusion:
         drift: of the state by itself.
         slip_sigma: standard deviation of the wheels' slip before anything is known of it.
         start: the pose at the start and its standard deviations (m, m, rad), if they are known.
-        gyro_scale: standard deviation of the share by which a gyro reads too much; 0: no matter, as a sensor tells the
-            heading, or there is no gyro.
+        gyro_scale: standard deviation of the share by which a gyro reads too much; 0: there is no gyro, or it is exact.
         track_sigma: standard deviation of the share by which the wheels turn more than the car, as their track width is
             another than was measured. Up to `KNOWN` it is exact, and wheels that turn otherwise than a gyro tell of
             their slip. Else they tell of the width, and never of the way.
+        mounts: standard deviations of the place (m) and the delay (s) of sensors of positions, by name.
 
     """
 
@@ -175,19 +191,16 @@ class Fusion:
         start: tuple[Sequence[float], Sequence[float]] | None = None,
         gyro_scale: float = 0.0,
         track_sigma: float = 0.0,
+        mounts: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
         self.changes: list[str] = []
         """Messages for the event log: a sensor is believed no longer, or again. The caller that tells them empties the
         list."""
         self.vote = Vote()
-        self.doubt: Doubt | None = None
-        """Of the mounts and clocks of the sensors."""
-        self.absolute: Callable[[Measurement, float], None] | None = None
-        """Is called with each absolute reading that is taken in, and the heading there, rad."""
         self._reckoning = Reckoning()
         self._frames = {name: Frame() for name, settings in sensors.items() if settings.tells_pose}
+        # how much it slides outwards in curves, and the standard deviation of that, s^2/m, where nothing tells of it
         self.sideways = 0.0, drift.sideways
-        """How much it slides outwards in curves, and the standard deviation of that, s^2/m, of `filter.predict`."""
         self._exact = track_sigma <= KNOWN
         self.track_sigma = 0.0 if self._exact else track_sigma
         """Standard deviation of the track width at the start, as a share of it; 0: it is exact."""
@@ -195,16 +208,28 @@ class Fusion:
         self._judges = {name: Judge(name, settings) for name, settings in sensors.items()}
         pose, known = start or ((0.0,) * 3, (BEGUN,) * 3)
         sigmas = np.array([*known, SPEED, YAW_RATE, BIASED, slip_sigma, self.track_sigma])
-        self._gyro_scale = gyro_scale
-        lean = Lean((0.0,) * SIZE, 0.0, 0.0) if gyro_scale else None
+        # of the parameters of a belief's lean, those of each sensor of positions: ahead, left (m), and late (s)
+        self._places_of: dict[str, int] = {}
+        spreads = [gyro_scale] if gyro_scale else []
+        if mounts:
+            spreads = [gyro_scale or KNOWN_SCALE, drift.sideways, GYRO_CLOCK]
+            for name, (lever, late) in mounts.items():
+                self._places_of[name] = len(spreads)
+                spreads += [lever, lever, late]
+        self._parameters = np.array(spreads)
+        # s by which the newest reading of each was put back
+        self._late: dict[str, float] = {}
+        lean = Lean(0.0 * self._parameters, np.zeros((SIZE, len(spreads))), np.diag(self._parameters**2))
         # with its time
-        self._base = belief_of((*pose, 0.0, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2), lean), -1.0
+        self._base = belief_of((*pose, 0.0, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2), lean if spreads else None), -1.0
         self._entries: list[_Entry] = []
         # of them, those that are taken in
         self._settled = 0
         self._arrived: list[Measurement] = []
         self._located = start is not None or not any(settings.tells_pose for settings in sensors.values())
         self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
+        # how the first two of each lean
+        self._pair_leans: deque[Array | None] = deque(maxlen=PAIRS_MAX)
         self._now = 0.0
         self._gyros: set[str] = set()
         self._headings: set[str] = set()
@@ -237,6 +262,7 @@ class Fusion:
         """Find the pose anew: the robot was carried elsewhere."""
         self._located = not any(judge.settings.tells_pose for judge in self._judges.values())
         self._pairs.clear()
+        self._pair_leans.clear()
         self.vote.clear()
         self._besides = Besides()
         self._frames = {name: Frame() for name in self._frames}
@@ -249,9 +275,25 @@ class Fusion:
         judge = self._judges.get(sensor)
         return judge is not None and judge.believed
 
-    def doubt_mount(self, sensor: str, sigma: float) -> None:
-        """Note how well a sensor's place on the robot is known: its standard deviation, m."""
-        self._frames[sensor].lever = max(LEVER, sigma)
+    @property
+    def placing(self) -> tuple[str, ...]:
+        """The sensors of positions of which mount and clock are learned."""
+        return tuple(self._places_of)
+
+    def parameters(self, sensor: str) -> dict[str, Calibrated]:
+        """What is known of a sensor of positions beyond what is stated, and of the wheels and the gyro.
+
+        "x", "y" of the mount (m), "delay" (s), "slip", "scale", "bias" of the gyro (rad/s), and "sideways" (s^2/m).
+        """
+        belief = self._newest()[0]
+        known, at = upright(belief), self._places_of[sensor]
+        assert belief.lean is not None
+        mean, sigmas = belief.lean.value, np.sqrt(np.diag(belief.lean.covariance))
+        places = {"x": at, "y": at + 1, "delay": at + 2, "scale": SCALE, "sideways": OUTWARDS}
+        found = {name: (mean[place], sigmas[place], self._parameters[place]) for name, place in places.items()}
+        found["slip"] = belief.mean[SLIP], sqrt(known.triangle[SS]), self._walk.slip_sigma
+        found["bias"] = belief.mean[BIAS], sqrt(known.triangle[BB]), BIASED
+        return {name: Calibrated(*map(float, each)) for name, each in found.items()}
 
     @property
     def turn_share(self) -> float:
@@ -261,7 +303,7 @@ class Fusion:
     @property
     def track(self) -> tuple[float, float]:
         """The share by which the track width is larger than was measured, and its standard deviation."""
-        belief = self._newest()[0]
+        belief = upright(self._newest()[0])
         return belief.mean[WIDTH], sqrt(belief.triangle[-1])
 
     def trusts(self) -> tuple[Trust, ...]:
@@ -281,7 +323,13 @@ class Fusion:
                 judge.since = now
         groups: dict[tuple[str, Kind], tuple[Measurement, int]] = {}
         oldest = max(self._base[1], now - HORIZON)
+        lean = self._newest()[0].lean
         for measurement in self._arrived:
+            if lean is not None and measurement.sensor in self._places_of:
+                # no reading was taken after it had come
+                late = max(float(lean.value[self._places_of[measurement.sensor] + 2]), measurement.time - now)
+                self._late[measurement.sensor] = late
+                measurement = measurement._replace(time=measurement.time - late)
             if not self._admits(measurement, oldest):
                 continue
             group = measurement.sensor, measurement.kind
@@ -331,8 +379,8 @@ class Fusion:
             return
         _, v, turning, gyro, _ = cycle
         omega = gyro if gyro is not None and self.turning else turning
-        slip = self._newest()[0].mean[SLIP]
-        self._reckoning.go(cycle.time, dt, v, omega, slip, self.sideways[0])
+        belief = self._newest()[0]
+        self._reckoning.go(cycle.time, dt, v, omega, belief.mean[SLIP], self._slides(belief)[0])
         for frame in frames.values():
             frame.compare(self._reckoning)
 
@@ -415,7 +463,7 @@ class Fusion:
         key = (round(measurement.time / SAME_INSTANT), measurement.sensor)
         last = not entries or entries[-1].key <= key
         place = len(entries) if last else bisect_right(entries, key, key=_KEY)
-        entries.insert(place, _Entry(measurement, self._base[0], key))
+        entries.insert(place, _Entry(measurement, self._base[0], key, self._late.get(measurement.sensor, 0.0)))
         if place < self._settled:
             self._settled = place
 
@@ -439,7 +487,7 @@ class Fusion:
 
     def _predicted(self, belief: Belief, begin: float, end: float) -> Belief:
         """The belief at `end`, s of the run, of one at `begin`."""
-        dt, sideways, walk = end - begin, self.sideways, self._walk
+        dt, sideways, walk = end - begin, self._slides(belief), self._walk
         density, moves = walk.told, abs(belief.mean[ROLLED]) > MOVING
         # of a car that stands, slip does not change
         blind = moves and begin > walk.blind_from
@@ -451,13 +499,17 @@ class Fusion:
             density = walk.untold(density)
         elif self._exact:
             density = walk.blind if blind else density
-        elif blind or not self._placed:
-            density = walk.settled(belief.triangle[SS])
-            if moves and not self._placed:
+        else:
+            density = walk.settled(belief.triangle[SS]) if blind or not self._placed else density
+            if moves:
                 belief = wandering(belief, dt, walk.slip_sigma, FLOOR)
         while dt > STEP_MAX:
             belief, dt = predict(belief, STEP_MAX, density, sideways), dt - STEP_MAX
         return predict(belief, dt if dt > 0.0 else 0.0, density, sideways)
+
+    def _slides(self, belief: Belief) -> tuple[float, float]:
+        """How much it slides outwards, and what of that is not in the belief's lean, as `filter.predict` has it."""
+        return (float(belief.lean.value[OUTWARDS]), 0.0) if belief.lean and self._places_of else self.sideways
 
     def _apply(self) -> None:
         """Take in the entries that are not yet."""
@@ -507,16 +559,17 @@ class Fusion:
             entry.new = entry.used = False
             judge.used += 1
             judge.leapt(measurement, fits=True)
-            return self._locate(belief, measurement)
-        residual, h = self._expect(belief.mean, measurement)
+            return self._locate(belief, entry)
+        residual, h, leans = self._expect(belief, entry)
         # a robot at rest
         if judge is None:
             return update(belief, residual, h, sigmas)[0]
         if kind is KIND_POSE:
-            return self._place(belief, entry, judge, residual, h)
+            return self._place(belief, entry, judge)
         sigmas = sigmas[: len(residual)]
-        leans = belief.mean[OMEGA] if kind is KIND_GYRO else 0.0
         after, nis, misses = update(belief, residual, h, sigmas, leans)
+        if kind is KIND_GYRO:
+            after = late_by(after, after.mean[OMEGA] - belief.mean[OMEGA])
         if kind is KIND_ENCODERS or (kind is KIND_GYRO and not -TRACKS <= misses[0] <= TRACKS):
             after = self._tracked(belief, after, measurement, residual, h, misses, leans)
         if unjudged:
@@ -539,7 +592,7 @@ class Fusion:
         residual: Sequence[float],
         h: Sequence[Row],
         misses: Sequence[float],
-        leans: float,
+        leans: Array | None,
     ) -> Belief:
         """The belief with the rates of wheels or a gyro; strong tracking, if any misses by more than chance."""
         wheels, rows, wide = measurement.kind is KIND_ENCODERS, measurement.rows, belief
@@ -559,9 +612,13 @@ class Fusion:
     def _turned(self, belief: Belief, measurement: Measurement, *, unjudged: bool) -> Belief:
         """The belief with how far the wheels turned the robot beside the gyro: it tells of bias and slip."""
         told, by_gyro, dt, path = measurement.values
-        bias = belief.mean[BIAS]
+        bias, leans = belief.mean[BIAS], None
         # of the wheels' turn, in the car's: by their slip if the track width is exact, else by the width
         share = 1.0 / (1.0 - belief.mean[SLIP]) if self._exact else 1.0 + belief.mean[WIDTH]
+        if belief.lean is not None:
+            by_gyro /= 1.0 + float(belief.lean.value[SCALE])
+            leans = np.zeros((1, len(belief.lean.value)))
+            leans[0, SCALE] = -by_gyro * share
         turned_by = by_gyro - bias * dt
         residual = (told - share * turned_by,)
         # wheels that stand tell nothing of slip: the gyro's noise in both is the same, and would be taken for some
@@ -570,20 +627,18 @@ class Fusion:
         h = ((0.0, 0.0, 0.0, 0.0, 0.0, -share * dt, of_slip, of_width),)
         # the slip walks within the turn, too: its mean is so far from the last one
         sigma = hypot(measurement.sigmas[0], path * sqrt(self._walk.told[SLIP] * dt / 3.0))
-        leans = -by_gyro * share
         after, _, (miss,) = update(belief, residual, h, (sigma,), leans)
         if unjudged and abs(turned_by) > CURVE and miss:
             chance = (residual[0] / miss) ** 2
             self._walk.changed((residual[0] ** 2 - chance) / turned_by**2 + self._walk.told[SLIP] * dt, dt)
         return after
 
-    def _place(
-        self, belief: Belief, entry: _Entry, judge: Judge, residual: Sequence[float], h: Sequence[Row]
-    ) -> Belief:
+    def _place(self, belief: Belief, entry: _Entry, judge: Judge) -> Belief:
         """The belief with a reading of the pose, by the rules of `txt1.estimation.judging`."""
         measurement = entry.measurement
         sigmas, expected = measurement.sigmas, belief.triangle
-        after, nis, _ = update(belief, residual, h, sigmas)
+        residual, h, leans = self._expect(belief, entry)
+        after, nis, _ = update(belief, residual, h, sigmas, leans, tells=self._rolling)
         if not entry.new:
             return after if entry.used else belief
         entry.new = False
@@ -595,8 +650,8 @@ class Fusion:
         if frame is not None:
             if leapt:
                 frame.clear()
-            else:
-                frame.take(measurement, belief, headed=self._headed)
+            elif frame.due(measurement.time):
+                self._compare_frame(frame, entry, belief)
             likely = frame.moves or (judge.reason == MOVES and frame.probability > OTHER)
             # without wheels nothing tells
             if likely and measurement.time - self._reckoning.until < LONGEST:
@@ -623,8 +678,7 @@ class Fusion:
             # strong tracking: dead reckoning is off by what is missed, and so may the slip be
             entry.wider = grown(measurement.rows, residual, SLID if self._rolling else 0.0)
             before, belief = belief, widened(belief, entry.wider)
-            residual, h = self._expect(belief.mean, measurement)
-            after = update(belief, residual, h, sigmas)[0]
+            after = update(belief, residual, h, sigmas, leans, tells=self._rolling)[0]
             self._besides.overrule(before, after)
         elif nis > gate:
             return _left_out(belief, entry, judge)
@@ -654,8 +708,6 @@ class Fusion:
         self._besides.place(before, after)
         if measurement.rows[:2] == (0, 1):
             self.vote.place(measurement)
-            if self.absolute is not None:
-                self.absolute(measurement, after.mean[THETA])
 
     def _jumped(self, belief: Belief, entry: _Entry, judge: Judge, residual: Sequence[float], *, leapt: bool) -> Belief:
         """A reading after a leap: left out, until it is clear that the robot was carried."""
@@ -667,7 +719,8 @@ class Fusion:
         if measurement.time - judge.jumped_at >= KEEPS and not others:
             entry.wider = grown(measurement.rows, residual, 0.0)
             wide = widened(belief, entry.wider)
-            after = update(wide, *self._expect(wide.mean, measurement), measurement.sigmas)[0]
+            wanted, h, leans = self._expect(wide, entry)
+            after = update(wide, wanted, h, measurement.sigmas, leans)[0]
             where = f"{hypot(*residual[:2]):.2g} m away" if measurement.rows[:2] == (0, 1) else "elsewhere"
             self._tell(f"'{judge.name}' stays {where}: the robot was carried there")
             self._pulls_again(judge, belief, after)
@@ -719,79 +772,133 @@ class Fusion:
             self.changes.append(news)
             self._changed = True
 
-    def _expect(self, mean: State, measurement: Measurement) -> tuple[Sequence[float], Sequence[Row]]:
-        """The measurement less its expectation, and the rows of the Jacobian."""
-        _, _, kind, rows, values, _, at = measurement
+    def _compare_frame(self, frame: Frame, entry: _Entry, belief: Belief) -> None:
+        """Let a reading tell of its sensor's frame, by the mount and the clock that are known now."""
+        measurement = entry.measurement
+        lean, first = belief.lean, self._places_of.get(measurement.sensor)
+        if lean is not None and first is not None:
+            ahead, left, late = lean.value[first : first + 3].tolist()
+            late -= entry.late
+            x, y, theta, *rest = belief.mean
+            belief = belief_of((x, y, theta - late * rest[1], *rest), belief.covariance, lean)
+            at = measurement.at[0] + ahead, measurement.at[1] + left
+            measurement = measurement._replace(time=measurement.time - late, at=at)
+            frame.lever = max(LEVER, sqrt(np.diag(lean.covariance)[first : first + 2].max()))
+        frame.take(measurement, upright(belief))
+
+    def _expect(self, belief: Belief, entry: _Entry) -> tuple[Sequence[float], Sequence[Row], Array | None]:
+        """The measurement less its expectation, the rows of the Jacobian, and those of the parameters."""
+        time, _, kind, rows, values, _, _ = entry.measurement
+        mean, lean, leans = belief.mean, belief.lean, None
         if kind is KIND_GYRO:
-            return (values[0] - mean[OMEGA] - mean[BIAS],), (GYRO,)
+            share = 1.0
+            if lean is not None:
+                share += float(lean.value[SCALE])
+                leans = np.zeros((1, len(lean.value)))
+                leans[0, SCALE] = mean[OMEGA]
+            gyro = (0.0, 0.0, 0.0, 0.0, share, 1.0, 0.0, 0.0)
+            return (values[0] - share * mean[OMEGA] - mean[BIAS],), (gyro,), leans
         expected: Sequence[float]
         h: Sequence[Row]
         if kind is KIND_ENCODERS:
             # how far they turn is told by `KIND_TURN`
-            if self.turning and measurement[0] - self._turned_at < STALE and rows == (0, 1):
-                return (values[0] - mean[ROLLED],), (ROLLED,)
+            if self.turning and time - self._turned_at < STALE and rows == (0, 1):
+                return (values[0] - mean[ROLLED],), (ROLLED,), None
             expected, h = encoders(mean, exact=self._exact)
         elif kind is KIND_VELOCITY:
             expected, h = velocities(mean)
         else:
-            position, by = antenna(mean, at)
-            expected, h = (*position, mean[THETA]), (*by, THETA)
+            expected, h, leans = self._seen(belief, entry)
         if len(values) < len(h):
             expected, h = [expected[row] for row in rows], [h[row] for row in rows]
+            leans = None if leans is None else leans[list(rows)]
         residual = list(map(sub, values, expected))
         if kind is KIND_POSE and rows[-1] == THETA:
             residual[-1] = wrap_angle(residual[-1])
-        return residual, h
+        return residual, h, leans
+
+    def _seen(self, belief: Belief, entry: _Entry) -> tuple[Sequence[float], Sequence[Row], Array | None]:
+        """The pose that a sensor of positions tells, by its mount and clock, and the rows of the Jacobians."""
+        measurement = entry.measurement
+        x, y, theta, rolled, omega, _, slip, _ = belief.mean
+        lean, first = belief.lean, self._places_of.get(measurement.sensor)
+        if lean is None or first is None:
+            (px, py), by = antenna(belief.mean, measurement.at)
+            return (px, py, theta), (*by, THETA), None
+        ahead, left, late = lean.value[first : first + 3].tolist()
+        late -= entry.late
+        v, then, middle = rolled * (1.0 - slip), theta - omega * late, theta - 0.5 * omega * late
+        c, s = cos(then), sin(then)
+        ahead, left = measurement.at[0] + ahead, measurement.at[1] + left
+        at_x, at_y = c * ahead - s * left, s * ahead + c * left
+        dx, dy = at_x - late * v * cos(middle), at_y - late * v * sin(middle)
+        leans = np.zeros((3, len(lean.value)))
+        leans[:, first : first + 3] = (c, -s, omega * at_y - v * c), (s, c, -omega * at_x - v * s), (0.0, 0.0, -omega)
+        rows = (1.0, 0.0, -dy, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, dx, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return (x + dx, y + dy, then), (*rows, THETA), leans
 
     # -- start-up without a pose -----------------------------------------------------------------------------------
 
-    def _locate(self, belief: Belief, measurement: Measurement) -> Belief:
+    def _locate(self, belief: Belief, entry: _Entry) -> Belief:
         """Find the pose in a sensor's frame: with a heading at once, else from several positions."""
-        mean, values, sigmas = belief.mean, measurement.values, measurement.sigmas
-        leans: Sequence[float] = (0.0,) * 5
+        measurement, mean, lean = entry.measurement, belief.mean, belief.lean
+        values, sigmas = measurement.values, measurement.sigmas
+        (px, py, _), h, leans = self._seen(belief, entry)
+        # how the place that it measures leans
+        place = None
+        if lean is not None:
+            place = np.array(h[:2]) @ lean.by
+            if leans is not None:
+                place -= leans[:2]
         if measurement.rows == (0, 1, 2):
             turn = values[2] - mean[THETA]
             spread = np.diag(np.square(sigmas))
-            (px, py), _ = antenna(mean, measurement.at)
             c, s = cos(turn), sin(turn)
             x, y = values[0] - c * px + s * py, values[1] - s * px - c * py
+            found_leans = None
+            if lean is not None and place is not None:
+                turns = (0.0 if leans is None else leans[2]) - lean.by[THETA]
+                away = np.array((py - mean[1], mean[0] - px))
+                found_leans = turns, lean.by[:2] - place + away[:, None] * turns
         elif measurement.rows == (0, 1):
-            (px, py), _ = antenna(mean, measurement.at)
-            lean = belief.lean.by[:2] if belief.lean is not None else (0.0, 0.0)
-            self._pairs.append((px, py, *values, sigmas[0], *lean))
-            found = aligned(self._pairs, mean)
+            self._pairs.append((px, py, *values, sigmas[0]))
+            self._pair_leans.append(place)
+            found = aligned(self._pairs, self._pair_leans, belief)
             if found is None:
                 return belief
-            turn, x, y, spread, leans = found
+            turn, x, y, spread, found_leans = found
         else:
             return belief
-        self._base = turned(self._base[0], turn, x, y, spread, leans), self._base[1]
+        self._base = turned(self._base[0], turn, x, y, spread, found_leans), self._base[1]
         for entry in self._entries:
-            entry.belief = turned(entry.belief, turn, x, y, spread, leans)
+            entry.belief = turned(entry.belief, turn, x, y, spread, found_leans)
         self._located = True
         self._pairs.clear()
+        self._pair_leans.clear()
         self.changes.append(f"the pose is known, by '{measurement.sensor}'")
-        return turned(belief, turn, x, y, spread, leans)
+        return turned(belief, turn, x, y, spread, found_leans)
 
     # -- the estimate ----------------------------------------------------------------------------------------------
 
-    def _with_scale(self, belief: Belief) -> Belief:
-        """The belief with the gyro's scale, which is taken as stated until that is refuted, as in `Calibration`."""
-        lean = belief.lean
-        if lean is None:
-            return belief
-        before = self._gyro_scale**2
-        variance = 1.0 / (1.0 / before + lean.known)
-        value = variance * lean.told
-        refuted = abs(value) > WORTH_SCALE and probability(value, variance, before) > SURE
-        return upright(belief, value if refuted else 0.0, variance if refuted else variance + value * value)
+    def _as_stated(self, lean: Lean) -> tuple[Array, Array]:
+        """By how much the parameters move towards what is stated, and their second moment there.
+
+        Each is as stated, or wrong by its sigma, by the odds of Bayes (R. E. Kass, A. E. Raftery, JASA 90, 1995). The
+        mean of both hypotheses is told.
+        """
+        spread = lean.covariance
+        own = np.diag(spread)
+        odds = WRONG / (1.0 - WRONG) * np.sqrt(own) / self._parameters
+        odds = odds * np.exp(np.minimum(0.5 * lean.value**2 / own, 100.0))
+        by = -lean.value / (1.0 + odds)
+        return by, spread + np.outer(by, by)
 
     def _estimate(self, belief: Belief) -> Estimate:
-        belief = self._with_scale(belief)
+        if belief.lean is not None:
+            belief = upright(belief, *self._as_stated(belief.lean))
         x, y, theta, _, omega, bias, slip, _ = belief.mean
-        doubt = self.doubt(belief.mean) if self.doubt is not None else (0.0, 0.0, 0.0, 0.0)
         places = [(self._judges[name], frame) for name, frame in self._frames.items()]
-        v, told = outside(belief, self._besides.covariance(places, doubt))
+        v, told = outside(belief, self._besides.covariance(places))
         return new(Estimate, (x, y, wrap_angle(theta), v, omega, told, bias, slip, self._located))
 
 

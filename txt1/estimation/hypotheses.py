@@ -29,13 +29,13 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from itertools import islice
-from math import atan2, cos, dist, exp, hypot, sin, sqrt
+from math import atan2, cos, exp, hypot, sin, sqrt
 from operator import itemgetter
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from txt1.estimation.filter import THETA, TT, XX, YY, Array, Belief, State, X, Y
+from txt1.estimation.filter import THETA, TT, XX, YY, Array, Belief, X, Y
 from txt1.estimation.judging import FORGOTTEN, OTHER, Judge
 from txt1.estimation.sensors import Measurement
 from txt1.units import new
@@ -66,8 +66,6 @@ ASIDE: Final = 0.01
 CORNERING: Final = 0.05
 # rad by which gyro or wheels miss a turn within a window
 TURNED: Final = 0.015
-# m by which a mount may be off besides what is known of it
-LEVER: Final = 0.03
 CLOCK: Final = 0.01  # s
 # m/s of the frame
 FRAME_SPEED: Final = 1.0
@@ -169,12 +167,10 @@ class Frame:
         """Whether it moves."""
         self.probability = 0.0
         """That it does, by the window that makes it most likely."""
-        self.lever = LEVER
+        self.lever = 0.03
         """Standard deviation of the sensor's place on the robot, m."""
         self._picks: deque[_Pick] = deque(maxlen=round(WINDOWS[-1] / PICKED) + 2)
         self._waiting: deque[tuple[Measurement, Belief]] = deque(maxlen=100)
-        # whether it tells headings, too, or others do
-        self._headed = False
         self._last = -1.0
         self._at = 0.0, 0.0
         # the last reading at which it was likely to stand, while it is likely to move
@@ -194,12 +190,15 @@ class Frame:
         self._waiting.clear()
         self.probability = 0.0
 
-    def take(self, measurement: Measurement, belief: Belief, *, headed: bool = False) -> None:
-        """Take in a position, and the filter's belief there; `headed`: more than positions has told the heading."""
+    def due(self, time: float) -> bool:
+        """Whether a reading at this time, s of the run, is long enough after the last one."""
+        return time - self._last >= PICKED - 1e-6
+
+    def take(self, measurement: Measurement, belief: Belief) -> None:
+        """Take in a position, and the filter's belief there."""
         if measurement.at != self._at:
             # another mount than before would look like a frame that has moved
             self._mount(measurement.at)
-        self._headed = headed or len(measurement.values) > 2
         since = measurement.time - self._last
         if since >= PICKED - 1e-6:
             self._last = measurement.time
@@ -282,10 +281,7 @@ class Frame:
             [-ahead * spots[:, 6], -aside * spots[:, 6]], [times, none], [none, times], *ways,
         ]).reshape(9 + len(ways), -1)  # fmt: skip
         turned = abs(spots[-1, 3] - spots[0, 3]) / span
-        # a heading that only its positions have told is off by the sensor's place over the way
-        way = dist(spots[0, 1:3], spots[-1, 1:3])
-        by_mount = 0.0 if self._headed else self.lever / max(way, self.lever)
-        direction = hypot(ASIDE, picks[0].sigma_theta, CORNERING * turned * float(np.abs(spots[:, 6]).mean()), by_mount)
+        direction = hypot(ASIDE, picks[0].sigma_theta, CORNERING * turned * float(np.abs(spots[:, 6]).mean()))
         shared = [1e3, 1e3, USUAL_SLIP, direction, self.lever, self.lever, CLOCK]
         noise = hypot(max(each.sigma for each in picks), RECKONED)
         left = np.concatenate((xs - xs.mean(), ys - ys.mean())) / noise
@@ -400,14 +396,12 @@ class Besides:
         if x or y:
             self._way = x * after.triangle[XX] / before.triangle[XX], y * after.triangle[YY] / before.triangle[YY]
 
-    def covariance(
-        self, places: Iterable[tuple[Judge, Frame]], doubt: tuple[float, float, float, float]
-    ) -> tuple[float, float, float, float]:
+    def covariance(self, places: Iterable[tuple[Judge, Frame]]) -> tuple[float, float, float, float]:
         """Variances of x, of x and y, of y (m^2), and of theta (rad^2), that all of them add.
 
-        `places` are the judges of the sensors that tell positions, and their frames; `doubt` is of mounts and clocks.
+        `places` are the judges of the sensors that tell positions, and their frames.
         """
-        xx, xy, yy, tt = doubt
+        xx = xy = yy = tt = 0.0
         others = [(OTHER, self._carried), (OTHER, self._overruled), (1.0, (*self._way, 0.0))]
         for judge, frame in places:
             others.append((1.0, (*judge.lasting(), 0.0)))
@@ -440,37 +434,41 @@ FAR: Final = 3.7
 
 
 def aligned(
-    pairs: Collection[tuple[float, ...]], mean: State
-) -> tuple[float, float, float, Array, tuple[float, ...]] | None:
+    pairs: Collection[tuple[float, ...]], leans: Collection[Array | None], belief: Belief
+) -> tuple[float, float, float, Array, tuple[Array, Array] | None] | None:
     """The turn (rad) and move (m) that bring positions p onto measured ones z, their covariance where the robot is now.
 
-    The last is how they lean: the derivative of the turn by a parameter that moves the positions, as `filter.Lean` has
-    it, and the means of p and of its lean, m. None: too vague.
+    The last is how the turn and the robot's place before it lean, of `filter.turned`. None: too vague.
 
     Least squares in closed form, S. Umeyama, PAMI 13(4), 1991, in the plane and without scale: with both centred,
     turn = atan2(sum p x z, sum p . z). Its variance is sigma^2 / sum |p|^2, that of the centre sigma^2 / n. Each pair
-    is p, z, sigma, m, and how p leans. Pairs that are left more than `FAR` sigma away are left out, the farthest first
-    (trimmed least squares, P. J. Rousseeuw, JASA 79, 1984).
+    is p, z and sigma; `leans` are how each p leans. Pairs that are left more than `FAR` sigma away are left out, the
+    farthest first (trimmed least squares, P. J. Rousseeuw, JASA 79, 1984).
     """
-    kept = np.array(list(pairs))
+    kept, used = np.array(list(pairs)), np.arange(len(pairs))
     while len(kept) >= LEAST:
-        cx, cy, dx, dy, _, lx, ly = middle = kept.mean(axis=0)
-        px, py, zx, zy, _, by_x, by_y = (kept - middle).T
+        cx, cy, dx, dy, _ = middle = kept.mean(axis=0)
+        px, py, zx, zy, _ = (kept - middle).T
         turn = atan2(float(px @ zy - py @ zx), float(px @ zx + py @ zy))
         c, s = cos(turn), sin(turn)
         sigmas = kept[:, 4]
         left = np.hypot(zx - c * px + s * py, zy - s * px - c * py) / sigmas
         worst = int(left.argmax())
         if left[worst] > FAR:
-            kept = np.delete(kept, worst, axis=0)
+            kept, used = np.delete(kept, worst, axis=0), np.delete(used, worst)
             continue
         spread, variance = float(px @ px + py @ py), float(np.mean(sigmas**2))
         if spread * ALIGNED**2 < variance:
             return None
-        x, y = mean[X] - cx, mean[Y] - cy
+        lean, how = belief.lean, None
+        x, y = belief.mean[X] - cx, belief.mean[Y] - cy
+        if lean is not None:
+            by = np.array(list(leans))[used]
+            turns = (py @ by[:, 0] - px @ by[:, 1]) / spread
+            if turns @ lean.covariance @ turns + variance / spread > ALIGNED**2:
+                return None
+            how = turns, lean.by[:2] - by.mean(axis=0) + np.array((-y, x))[:, None] * turns
         j = np.array([[1.0, 0.0, -s * x - c * y], [0.0, 1.0, c * x - s * y], [0.0, 0.0, 1.0]])
         known = j @ np.diag((variance / len(kept), variance / len(kept), variance / spread)) @ j.T
-        turns = -float(px @ by_y - py @ by_x) / spread
-        leans = turns, float(cx), float(cy), float(lx), float(ly)
-        return turn, float(dx - c * cx + s * cy), float(dy - s * cx - c * cy), known, leans
+        return turn, float(dx - c * cx + s * cy), float(dy - s * cx - c * cy), known, how
     return None

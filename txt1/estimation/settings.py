@@ -35,8 +35,8 @@ class FusedConfig(Section):
     """It sits so much further ahead and to the left than its driver says, m."""
     scale: Annotated[float, Field(gt=-0.2, lt=0.2)] = 0.0
     """A gyro's rates are too large by this share."""
-    lever_sigma: Positive = 0.03
-    """Standard deviation of its place on the robot, m: what a tape measure misses."""
+    lever_sigma: Positive = 0.1
+    """Standard deviation of its place on the robot, m; some measure it from another point."""
     delay_sigma: Positive = 0.05
     """Standard deviation of its delay, s."""
     scale_sigma: NotNegative = 0.017

@@ -4,16 +4,14 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from math import copysign, cos, hypot, isfinite, sin, sqrt, tan
-from operator import attrgetter, itemgetter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from txt1.config.schema import SensorConfig
 from txt1.errors import ConfigError
-from txt1.estimation.calibration import GYRO_CLOCK, Calibration
 from txt1.estimation.filter import Drift, centred
-from txt1.estimation.fusion import Fusion
+from txt1.estimation.fusion import GYRO_CLOCK, Fusion
 from txt1.estimation.judging import STALE, Belonging, WitnessValues
 from txt1.estimation.sensors import (
     KIND_ENCODERS,
@@ -167,37 +165,30 @@ class Estimator:
         # encoder wheels that do not steer tell the truth
         self._wheelbase = geometry.wheelbase if geometry.steering == "both" else 0.0
         start = None if config.start is None else (config.start, config.start_sigma)
-        headed = any("theta" in each for each in fields.values())
         skid = geometry.steering == "skid"
         usual = SKID_SIGMA if skid else TRACK_SIGMA
         gyro_scale = max(
             (self.settings[name].scale_sigma for name, kind in kinds.items() if kind is ImuReading), default=0.0
         )
+        # without encoders there is no witness of how it rolls
+        self._counts = isfinite(geometry.count_length)
+        mounts = {
+            name: (self.settings[name].lever_sigma, self.settings[name].delay_sigma)
+            for name, each in belongings.items()
+            if each.tells_pose and self._counts
+        }
         self.fusion = Fusion(
             belongings,
             slip_sigma=config.slip,
             start=start,
-            gyro_scale=0.0 if headed else gyro_scale,
+            gyro_scale=gyro_scale,
+            mounts=mounts,
             track_sigma=usual if config.track_sigma is None else config.track_sigma,
             drift=Drift(width=SKID_WALK) if skid else Drift(),
         )
         self.fusion.asked_at = 0.0
         self.through: Callable[[Measurement], Iterable[Measurement]] | None = None
         """Every measurement passes it on its way into the filter; an experiment may let sensors fail there."""
-        # without encoders there is no witness of how it rolls
-        self._counts = isfinite(geometry.count_length)
-        self.calibrations = {
-            name: Calibration(self.settings[name].lever_sigma, self.settings[name].delay_sigma)
-            for name, each in belongings.items()
-            if each.tells_pose and self._counts
-        }
-        """What was learned of each sensor that tells positions, by its name."""
-        # less 1
-        self._gyro_scale = 0.0
-        if self.calibrations:
-            self.fusion.absolute = self._place
-            self._choose_doubt()
-            self._tell_mounts()
         self._plans = {name: plan(name, kind, self.settings[name]) for name, kind in kinds.items()}
         self._geometry = geometry
         # of it, m, rad and m: they take a while to compute
@@ -246,15 +237,6 @@ class Estimator:
         return tuple(trust._replace(believed=False, reason=reason) for trust in trusts)
 
     def _give(self, measurement: Measurement) -> None:
-        calibration = self.calibrations.get(measurement.sensor)
-        if calibration is not None:
-            calibration.heard = measurement.time
-            right = calibration.corrections
-            if right.x or right.y or right.delay:
-                at = measurement.at[0] + right.x, measurement.at[1] + right.y
-                measurement = measurement._replace(time=measurement.time - right.delay, at=at)
-        elif measurement.kind is KIND_GYRO and self._gyro_scale:
-            measurement = measurement._replace(values=(measurement.values[0] / (1.0 + self._gyro_scale),))
         given = (measurement,) if self.through is None else self.through(measurement)
         for each in given:
             self.fusion.take(each)
@@ -265,8 +247,7 @@ class Estimator:
                     if time > self._read - STALE:
                         self._turns.append(rate)
                     if not self._gyro or time > self._gyro[-1][0]:
-                        # as it came, without what was learned of its scale
-                        self._gyro.append((time, rate * (1.0 + self._gyro_scale)))
+                        self._gyro.append((time, rate))
             elif kind is KIND_ENCODERS and rows == (0, 1) and isfinite(sum(values)) and time > self._read - STALE:
                 self._wheels = values[0], values[1]
 
@@ -287,21 +268,6 @@ class Estimator:
         self._vote(now, dt, bias)
         return estimate
 
-    def _place(self, measurement: Measurement, theta: float) -> None:
-        self.calibrations[measurement.sensor].place(measurement, theta)
-
-    def _choose_doubt(self) -> None:
-        """Choose whose doubts of mount and clock the covariance has: of the sensor that leaves the least of them.
-
-        Where none is believed, the pose is still what they have told.
-        """
-        believed = [each for name, each in self.calibrations.items() if self.fusion.believes(name)]
-        self.fusion.doubt = min(believed or self.calibrations.values(), key=attrgetter("mount_variance")).doubt
-
-    def _tell_mounts(self) -> None:
-        for name, each in self.calibrations.items():
-            self.fusion.doubt_mount(name, sqrt(each.mount_variance))
-
     def _vote(self, now: float, dt: float, bias: float) -> None:
         """Let the witnesses of the yaw rate report, and vote."""
         turns, wheels = self._turns, self._wheels
@@ -312,19 +278,12 @@ class Estimator:
             steering = (wheels[0] or self._setpoint) * self._curvature if steered else None
             turning = wheels[1] / self.fusion.turn_share
             self.fusion.cycle(new(WitnessValues, (self._read, wheels[0], turning, gyro, steering)), dt)
-            # wheels that are not believed tell nothing of the gyro, nor of a mount
-            believed = self.fusion.believes(ENCODERS)
-            if believed:
+            # wheels that are not believed tell nothing of the gyro
+            if self.fusion.believes(ENCODERS):
                 self._compare(dt, wheels[1])
             else:
                 self._turning = None
                 self._compared.clear()
-            ones = list(self.calibrations.values()) if believed else []
-            learned = [each.cycle(now, self._read, dt, wheels[0], turning, self._gyro) for each in ones]
-            if True in learned:
-                self._gyro_scale = ones[-1].corrections.scale
-                self.fusion.sideways = min([each.sideways for each in ones], key=itemgetter(1))
-                self._tell_mounts()
         turns.clear()
         self._wheels = None
         if not self.fusion.turning:
@@ -334,8 +293,6 @@ class Estimator:
         self._cycles += 1
         if self._cycles % VOTES == 0:
             self.fusion.judge_by_vote()
-            if self.calibrations:
-                self._choose_doubt()
 
     def _compare(self, dt: float, omega: float) -> None:
         """Add a cycle to the turn by the wheels, and give it beside the gyro's when it was long enough or it stopped.
@@ -367,7 +324,7 @@ class Estimator:
         if times[0] > begin or times[-1] < end or np.diff(times).max() > GAP:
             return
         at = np.concatenate(((begin,), times[inside], (end,)))
-        turning_at = np.interp(at, times, rates) / (1.0 + self._gyro_scale)
+        turning_at = np.interp(at, times, rates)
         by_gyro = float(np.trapezoid(turning_at, at))
         # slip varies with each piece of the turn, to whichever side; a late clock misses what the rate has changed by
         path, swing = float(np.trapezoid(np.abs(turning_at), at)), float(turning_at[-1] - turning_at[0])

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from tests.examples import examples
 from txt1.estimation.filter import (
     BIAS,
-    GYRO,
     OMEGA,
     ROLLED,
     SIZE,
@@ -41,6 +40,8 @@ IDENTITY = np.eye(SIZE)
 # the Jacobian of a pose, by rows
 POSE = [tuple(row) for row in IDENTITY[:3].tolist()]
 DENSITY = Drift().density()
+# the row of a gyro, which tells its bias, too
+GYRO = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
 
 
 def covariance(rng: np.random.Generator, size: int) -> Array:
@@ -266,7 +267,7 @@ def test_a_belief_leans_by_what_a_gyro_that_reads_too_much_makes_of_it() -> None
     """Two filters, one of whose gyro reads 0.01 % more: their means differ by how the first one leans."""
     scale, count = 1e-4, 200
     sigma = np.array([0.02, 0.02, 0.02, 0.1, 0.1, 0.01, 0.05, 0.05])
-    first = belief_of(np.zeros(SIZE), np.diag(sigma**2), Lean((0.0,) * SIZE, 0.0, 0.0))
+    first = belief_of(np.zeros(SIZE), np.diag(sigma**2), Lean(np.zeros(1), np.zeros((SIZE, 1)), np.eye(1) * 1e-12))
     second = belief_of(np.zeros(SIZE), np.diag(sigma**2))
     truth = belief_of([0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0], IDENTITY)
     for cycle in range(count):
@@ -279,7 +280,7 @@ def test_a_belief_leans_by_what_a_gyro_that_reads_too_much_makes_of_it() -> None
             (u, _), (rolling, _) = encoders(belief.mean)
             belief = update(belief, [0.5 - u], [rolling], [0.01])[0]
             left = rate - belief.mean[OMEGA] - belief.mean[5]
-            belief = update(belief, [left], [GYRO], [0.005], leans=omega)[0]
+            belief = update(belief, [left], [GYRO], [0.005], leans=np.array([[omega]]))[0]
             if cycle % 10 == 0:
                 expected, rows = antenna(belief.mean, (-0.1, 0.0))
                 belief = update(belief, np.subtract(place, expected).tolist(), rows, [0.5, 0.5])[0]
@@ -287,25 +288,32 @@ def test_a_belief_leans_by_what_a_gyro_that_reads_too_much_makes_of_it() -> None
         first, second = found
     assert first.lean is not None
     moved = (np.array(second.mean) - first.mean) / scale
-    assert moved == pytest.approx(np.array(first.lean.by), rel=0.05, abs=0.01)
+    assert moved == pytest.approx(first.lean.by[:, 0], rel=0.05, abs=0.01)
     assert abs(moved[THETA]) > 0.1
 
 
 def test_a_belief_that_leans_tells_of_the_parameter_as_a_state_more_would() -> None:
     """Places on a line that are all off by the same amount: the Kalman filter of a place and that amount."""
     rng, sigma, before = np.random.default_rng(5), 0.3, 0.02
-    belief = belief_of(np.zeros(SIZE), np.diag([1.0, *[1e-12] * 7]), Lean((0.0,) * SIZE, 0.0, 0.0))
+    belief = belief_of(
+        np.zeros(SIZE), np.diag([1.0, *[1e-12] * 7]), Lean(np.zeros(1), np.zeros((SIZE, 1)), np.eye(1) * before**2)
+    )
     both, spread, h = np.zeros(2), np.diag([1.0, before**2]), np.array([1.0, 1.0])
     for _ in range(30):
         told = 0.5 + 0.01 + sigma * float(rng.normal())
-        belief = update(belief, [told - belief.mean[X]], POSE[:1], [sigma], leans=1.0)[0]
+        belief = update(
+            belief,
+            [told - belief.mean[X] - (belief.lean.value[0] if belief.lean else 0.0)],
+            POSE[:1],
+            [sigma],
+            leans=np.ones((1, 1)),
+        )[0]
         gain = spread @ h / (h @ spread @ h + sigma**2)
         both, spread = both + gain * (told - h @ both), spread - np.outer(gain, h @ spread)
     assert belief.lean is not None
-    variance = 1.0 / (before**-2 + belief.lean.known)
-    ours = upright(belief, variance * belief.lean.told, variance)
-    assert variance * belief.lean.told == pytest.approx(both[1], rel=1e-6)
-    assert variance == pytest.approx(spread[1, 1], rel=1e-6)
+    ours = upright(belief)
+    assert belief.lean.value[0] == pytest.approx(both[1], rel=1e-6)
+    assert belief.lean.covariance[0, 0] == pytest.approx(spread[1, 1], rel=1e-6)
     assert ours.mean[X] == pytest.approx(both[0], rel=1e-6)
     assert ours.covariance[X, X] == pytest.approx(spread[0, 0], rel=1e-6)
 

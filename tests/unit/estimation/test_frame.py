@@ -49,8 +49,7 @@ def test_rtk_whose_frame_moves_across_a_straight_way_is_found_out_beside_a_headi
     """By positions alone its mount may explain it: a heading that they have told is off by that."""
     rng = np.random.default_rng(1)
     sensors = {each: Belonging(tells_pose=each == "rtk") for each in ("imu", "encoders", "rtk", "compass")}
-    fusion = Fusion(sensors, track_sigma=0.05)
-    fusion.doubt_mount("rtk", 0.1)
+    fusion = Fusion(sensors, track_sigma=0.05, mounts={"rtk": (0.1, 0.05)})
     for cycle in range(1, 1000):
         time = 0.02 * cycle
         true = V, 0.0, 0.0, V * time, 0.15 * max(0.0, time - 10.0), 0.0

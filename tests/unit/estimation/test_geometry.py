@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.others_logs import scrubbing
-from txt1.estimation.settings import EstimationConfig
+from txt1.estimation.settings import EstimationConfig, FusedConfig
 from txt1.estimation.task import ENCODERS, Estimator, Wheels
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
@@ -34,16 +34,18 @@ def drive(
     other: float = 0.0,
     curve: float = 2.5,
     marked: bool = False,
+    sigma: float | None = None,
 ) -> tuple[Estimator, Estimate, tuple[float, float, float]]:
     """The filter, its last estimate and the true pose after curves to both sides, with wheels so much wider apart.
 
     A curve lasts `curve` s; the gyro is heard until so many seconds. By 7.5 s in 15 the wheels seem to be by `other`
-    wider apart, as they slip. `marked`: the pose at the start is told.
+    wider apart, as they slip. `marked`: the pose at the start is told. `sigma`: of positions that tell none, m.
     """
     rng, name = np.random.default_rng(1), "place"
     kinds: dict[str, type] = {"imu": ImuReading} | ({name: positions} if positions else {})
     start = (0.0, 0.0, 0.0) if marked else None
-    config = EstimationConfig(sensors=(*kinds, ENCODERS), track_sigma=track_sigma, start=start)
+    settings = {name: FusedConfig(sigma={"x": sigma, "y": sigma})} if sigma else {}
+    config = EstimationConfig(sensors=(*kinds, ENCODERS), track_sigma=track_sigma, start=start, settings=settings)
     estimator = Estimator(config, kinds, Geometry(steering="front"))
     x = y = theta = omega = v = 0.0
     for cycle in range(1, round(seconds / CYCLE) + 1):
@@ -104,14 +106,14 @@ def test_rtk_30_cm_from_where_it_is_stated_is_found_and_stays_believed() -> None
 
     estimator, estimate, (x, y, _) = drive(60.0, wider=0.05, positions=FixReading, told=fix)
     assert all(each.believed for each in estimator.trusts())
-    assert estimator.calibrations["place"].learned("x").value == pytest.approx(0.3, abs=0.08)
+    assert estimator.fusion.parameters("place")["x"].value == pytest.approx(0.3, abs=0.08)
     assert hypot(estimate.x - x, estimate.y - y) < 0.15
 
 
 @pytest.mark.parametrize(
-    ("ahead", "curve", "marked"), [(0.3, 2.0, False), (-0.3, 2.0, True), (0.3, 3.0, True), (-0.3, 3.0, False)]
+    ("ahead", "curve", "marked"), [(0.3, 2.0, False), (-0.3, 2.0, True), (0.3, 4.0, True), (-0.3, 6.0, False)]
 )
-def test_rtk_30_cm_off_is_believed_in_curves_of_2_and_3_s(ahead: float, curve: float, marked: bool) -> None:
+def test_rtk_30_cm_off_is_believed_in_curves_of_2_to_6_s(ahead: float, curve: float, marked: bool) -> None:
     """In a curve its antenna goes another way than the car heads: that is no frame that moves."""
 
     def fix(now: float, x: float, y: float, theta: float) -> Reading[Any]:
@@ -123,7 +125,7 @@ def test_rtk_30_cm_off_is_believed_in_curves_of_2_and_3_s(ahead: float, curve: f
     )
     assert all(each.believed and each.rejected < 20 for each in estimator.trusts())
     assert hypot(estimate.x - x, estimate.y - y) < 0.05
-    assert abs(wrap_angle(estimate.theta - theta)) < 0.02
+    assert abs(wrap_angle(estimate.theta - theta)) < 0.04
 
 
 def test_motion_capture_30_cm_from_where_it_is_stated_is_found() -> None:
@@ -132,7 +134,7 @@ def test_motion_capture_30_cm_from_where_it_is_stated_is_found() -> None:
         at = x + 0.3 * cos(theta), y + 0.3 * sin(theta)
         return Reading(now, TrackerReading(*at, 0.0, (0.0, 0.0, sin(half), cos(half))))
 
-    estimator, estimate, (x, y, _) = drive(30.0, wider=0.05, positions=TrackerReading, told=seen)
+    estimator, estimate, (x, y, _) = drive(30.0, wider=0.05, positions=TrackerReading, told=seen, sigma=0.02)
     assert all(each.believed for each in estimator.trusts())
-    assert estimator.calibrations["place"].learned("x").value == pytest.approx(0.3, abs=0.03)
+    assert estimator.fusion.parameters("place")["x"].value == pytest.approx(0.3, abs=0.03)
     assert hypot(estimate.x - x, estimate.y - y) < 0.08

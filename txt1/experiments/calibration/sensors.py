@@ -1,15 +1,15 @@
 """Learns the sensors' mounts, clocks and scales from a drive: a recording is run again with a filter that learns them.
 
-`txt1.estimation.calibration` has the filter.
+`txt1.estimation.fusion` has the filter.
 """
 
 from collections.abc import Iterator
-from math import hypot, pi, sqrt
+from math import hypot, pi
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from txt1.errors import ConfigError
-from txt1.estimation.calibration import Calibration
+from txt1.estimation.fusion import Calibrated
 from txt1.estimation.task import ENCODERS, Estimator
 from txt1.record.reader import robot_in
 from txt1.record.verification import verify
@@ -28,6 +28,8 @@ QUANTITIES: Final = {
 """The learned quantities: in words, the unit, the number of units in an SI unit, and the manoeuvre that shows it."""
 # share of its sigma before the drive below which the drive has shown a quantity; chosen
 SHOWN_SHARE: Final = 0.7
+# standard deviations beyond which a stated value is wrong: 99.9 %
+REFUTED_SIGMAS: Final = 3.3
 # m, s and 1, the smallest standard deviations that are written
 SIGMA_MIN: Final = 0.001
 # standard deviation of slip in curves, which looks like a wider track; chosen
@@ -56,27 +58,37 @@ def learned(recording: Path, robot: str | None) -> SensorFindings:
     estimator = runtime.part(Estimator)
     gyros = [name for name, each in runtime.sensors.items() if each.sensor.topic.type is ImuReading]
     gyros = [each for each in gyros if estimator is not None and each in estimator.settings]
-    if estimator is None or not (estimator.calibrations or (gyros and ENCODERS in estimator.settings)):
+    if estimator is None or not (estimator.fusion.placing or (gyros and ENCODERS in estimator.settings)):
         raise ConfigError(
             f"{recording}: nothing to calibrate: drive with a filter that has a gyro or a sensor of positions, such as "
             "--set estimation.preset=vicon, and with encoders"
         )
     lines, settings = [], {}
-    for name, calibration in estimator.calibrations.items():
-        lines += [f"{name}: {line}" for line in _told(calibration)]
-        settings.update(_settings(estimator, name, calibration, gyros))
+    for name in estimator.fusion.placing:
+        found = estimator.fusion.parameters(name)
+        lines += [f"{name}: {line}" for line in _told(found)]
+        settings.update(_settings(estimator, name, found, gyros))
     track, values = _track(estimator, runtime, gyros)
     return SensorFindings(lines + track, settings, values)
 
 
-def _told(calibration: Calibration) -> Iterator[str]:
-    if not calibration.segments:
+def _told(found: dict[str, Calibrated]) -> Iterator[str]:
+    if not any(map(_shown, found.values())):
         yield "the drive shows nothing: it has no motion between positions"
         return
-    for (name, (words, unit, factor, manoeuvre)), before in zip(QUANTITIES.items(), calibration.start, strict=True):
-        value, sigma = calibration.learned(name)
-        shown = "" if sigma < SHOWN_SHARE * sqrt(before) else f"; this drive does not show it: drive {manoeuvre}"
+    for name, (words, unit, factor, manoeuvre) in QUANTITIES.items():
+        value, sigma, _ = found[name]
+        shown = "" if _shown(found[name]) else f"; this drive does not show it: drive {manoeuvre}"
         yield f"{factor * value:.4g} {unit} {words} (sigma {factor * sigma:.2g}{shown})"
+
+
+def _shown(one: Calibrated) -> bool:
+    return one.sigma < SHOWN_SHARE * one.start
+
+
+def _refuted(one: Calibrated) -> bool:
+    """Whether a stated value is wrong by more than chance: 99.9 %."""
+    return _shown(one) and abs(one.value) > REFUTED_SIGMAS * one.sigma
 
 
 def _track(estimator: Estimator, runtime: Runtime, gyros: list[str]) -> tuple[list[str], dict[str, float]]:
@@ -95,20 +107,21 @@ def _track(estimator: Estimator, runtime: Runtime, gyros: list[str]) -> tuple[li
     return [f"{line})"], found if abs(share) > 2.0 * hypot(sigma, SLIP_SIGMA) else {}
 
 
-def _settings(estimator: Estimator, name: str, calibration: Calibration, gyros: list[str]) -> dict[str, dict[str, Any]]:
+def _settings(
+    estimator: Estimator, name: str, found: dict[str, Calibrated], gyros: list[str]
+) -> dict[str, dict[str, Any]]:
     """Return corrected values for the settings that a drive refutes."""
-    right, given = calibration.corrections, estimator.settings
-    found: dict[str, dict[str, Any]] = {}
-    ahead, left = calibration.learned("x").sigma, calibration.learned("y").sigma
-    if hypot(right.x, right.y):
+    given, right = estimator.settings, {each: one.value for each, one in found.items() if _refuted(one)}
+    settings: dict[str, dict[str, Any]] = {}
+    if {"x", "y"} & right.keys():
         x, y = given[name].lever
-        found[name] = {"lever": [round(x + right.x, 4), round(y + right.y, 4)]}
-        found[name]["lever_sigma"] = round(max(ahead, left, SIGMA_MIN), 3)
-    delay = given[name].delay + right.delay
-    if right.delay and delay >= 0.0:
-        found.setdefault(name, {})["delay"] = round(delay, 4)
-        found[name]["delay_sigma"] = round(max(calibration.learned("delay").sigma, SIGMA_MIN), 4)
-    for gyro in gyros if right.scale else ():
-        found[gyro] = {"scale": round((1.0 + given[gyro].scale) * (1.0 + right.scale) - 1.0, 5)}
-        found[gyro]["scale_sigma"] = round(max(calibration.learned("scale").sigma, SIGMA_MIN), 4)
-    return found
+        settings[name] = {"lever": [round(x + found["x"].value, 4), round(y + found["y"].value, 4)]}
+        settings[name]["lever_sigma"] = round(max(found["x"].sigma, found["y"].sigma, SIGMA_MIN), 3)
+    delay = given[name].delay + right.get("delay", 0.0)
+    if "delay" in right and delay >= 0.0:
+        settings.setdefault(name, {})["delay"] = round(delay, 4)
+        settings[name]["delay_sigma"] = round(max(found["delay"].sigma, SIGMA_MIN), 4)
+    for gyro in gyros if "scale" in right else ():
+        settings[gyro] = {"scale": round((1.0 + given[gyro].scale) * (1.0 + right["scale"]) - 1.0, 5)}
+        settings[gyro]["scale_sigma"] = round(max(found["scale"].sigma, SIGMA_MIN), 4)
+    return settings
