@@ -32,7 +32,7 @@ from rigs import page_parts
 from rigs.browser_hands import COMMAND, META, PAD, A, W, at, down, finger, hands, repeats, up
 from rigs.live_browser import CHROMIUM, FLAGS, Live, live
 from txt1.bridges.registry import BRIDGES, bridge
-from txt1.control.holding import LASTS
+from txt1.control.holding import HOLD_LASTS
 from txt1.kernel.loop import run
 from txt1.kernel.ticks import Ticks
 from txt1.robot import Robot
@@ -178,7 +178,7 @@ def by_page(browser: Any, car: Live, press: Does, end: Does, from_press: bool) -
     sleep(WATCHED if from_press else 2.5)
     page.close()
     found = drive(page.ticks, gone)
-    if found is not None and from_press and found.seconds < LASTS - 0.3:
+    if found is not None and from_press and found.seconds < HOLD_LASTS - 0.3:
         # a busy computer held the page up, and the page let go
         return None
     return found

@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from torture.struck_robot import Broken, Desk
 from txt1.control.hand import Hand
-from txt1.control.holding import LASTS
+from txt1.control.holding import HOLD_LASTS
 from txt1.gamepad.pad import APPEARS, PadParameters, Pads, PadState
 from txt1.sidecar import Request
 from txt1.ui.teleop import DECAY, Teleop
@@ -51,7 +51,7 @@ class HandAt:
 
 async def key_repeats(desk: Desk, key: str, seconds: float, speed: float) -> None:
     """A key is pressed, its release is lost, and the computer repeats it for so many s."""
-    hand = HandAt(desk, "hand", LASTS + DECAY)
+    hand = HandAt(desk, "hand", HOLD_LASTS + DECAY)
     terminal = Terminal(desk.robot, hand, teleop=Teleop(speed, desk.robot.config.hand()))
     ends = desk.now + seconds
     while desk.now < ends:
@@ -67,12 +67,12 @@ async def pad_freezes(desk: Desk, rng: Generator, returns: bool) -> None:
     The other pad may be down from the first, or be pressed and released.
     """
     numbers: Hand = desk.robot.config.hand()
-    pads, hand = Pads(PadParameters(), numbers), HandAt(desk, "radio pad", LASTS)
+    pads, hand = Pads(PadParameters(), numbers), HandAt(desk, "radio pad", HOLD_LASTS)
     began, driving = desk.now, False
     presses, freezes = began + APPEARS + 0.1, began + APPEARS + float(rng.uniform(0.3, 2.0))
     comes, down_at_once = freezes + float(rng.uniform(0.1, 4.0)), bool(rng.random() < 0.3)
     there: dict[int, tuple[PadState, float]] = {1: (REST, began)}
-    while (now := desk.now) < freezes + LASTS + 5.0:
+    while (now := desk.now) < freezes + HOLD_LASTS + 5.0:
         if presses <= now < freezes:
             axes = {"lefty": float(rng.uniform(-1.0, 1.0)), "leftx": float(rng.uniform(-1.0, 1.0))}
             there[1] = PadState(HELD, axes), now

@@ -62,11 +62,11 @@ Reason = Literal["ended", "failed"]
 # s between heartbeats
 BEAT: Final = 0.05
 # s without a heartbeat after which the process counts as silent
-SILENT: Final = 0.25
+HEARTBEAT_LATE: Final = 0.25
 # s without work, or of work, after which a process that has not sent its first heartbeat counts as hung
 START: Final = 30.0
 # s after which it is told that the start takes long
-SLOW: Final = 10.0
+START_SLOW: Final = 10.0
 # s between two looks at a starting process, and the work in it that counts as work
 START_LOOK: Final = 1.0
 START_WORK: Final = 0.005
@@ -79,7 +79,7 @@ END_PATIENCE: Final = 1.0
 # on a shared processor the robot's process is then woken at once, and not at the end of a time slice
 NICENESS: Final = 10
 # bytes of memory that the process may take
-MEMORY: Final = 1 << 30
+MEMORY_MAX: Final = 1 << 30
 # messages taken at once; the newest are kept
 MESSAGES: Final = 20
 # messages that may be taken in addition after each tick
@@ -89,7 +89,7 @@ LINE_MAX: Final = 1 << 15
 # s between two ticks: the same as the controller's, after which it runs
 TELEMETRY_PERIOD: Final = 0.02
 # s before a tick in which nothing is read: the time that it takes to obey `MESSAGES`
-HELD: Final = 0.001
+READ_PAUSE: Final = 0.001
 # of the task `Sidecar.serve`: after all tasks of the robot and the user
 SERVE_PRIORITY: Final = -50
 
@@ -157,7 +157,7 @@ class Sidecar:
     restart: Restart = field(default_factory=Restart)
     # of the process once it is ready; 0: it has as large a share of the processor as any program
     niceness: int = NICENESS
-    # whether requests are read at once, up to `HELD` s before a tick; otherwise in the ticks
+    # whether requests are read at once, up to `READ_PAUSE` s before a tick; otherwise in the ticks
     prompt: bool = False
     # stays in the terminal's session; otherwise it has its own session, with its own share of the processor
     on_terminal: bool = False
@@ -282,7 +282,7 @@ class Sidecar:
 
     def _readable(self) -> None:
         """Take a few messages; in a flood the rest waits for the next turn."""
-        if self._ticking and not self._polled and self._loop.time() > self._due - HELD:
+        if self._ticking and not self._polled and self._loop.time() > self._due - READ_PAUSE:
             # until the controller's tick is over
             self._pause()
             return
@@ -326,7 +326,7 @@ class Sidecar:
                 self._judge_start(quiet)
             elif self.silence is not None and quiet > self.silence:
                 self._gone(f"was silent for {quiet:.1f} s")
-            elif quiet > SILENT and not self._hushed:
+            elif quiet > HEARTBEAT_LATE and not self._hushed:
                 self._hushed = True
                 self.counts["silent"] += 1
                 self._report(
@@ -350,7 +350,7 @@ class Sidecar:
         idle = seconds(now - self._worked_at)
         if self.silence is not None and max(idle, work or 0.0) > patience:
             self._gone(f"did not start within {since:.1f} s")
-        elif since > SLOW and not self._hushed:
+        elif since > START_SLOW and not self._hushed:
             self._hushed = True
             self._report("slow", "is still starting: this computer is busy")
 
@@ -523,7 +523,7 @@ def start_beside(
     # it has ended already
     with suppress(OSError):
         if hasattr(resource, "prlimit"):
-            resource.prlimit(child.pid, resource.RLIMIT_DATA, (MEMORY, MEMORY))
+            resource.prlimit(child.pid, resource.RLIMIT_DATA, (MEMORY_MAX, MEMORY_MAX))
             # the first process to be ended when memory runs out
             Path(f"/proc/{child.pid}/oom_score_adj").write_text("1000")
     return child

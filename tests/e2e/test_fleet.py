@@ -26,7 +26,7 @@ from txt1.cli import execute
 from txt1.cli.operated_robot import RunStart
 from txt1.commands import FAULT, OK
 from txt1.config import Config, load
-from txt1.control.standstill import STILL
+from txt1.control.standstill import STILL_SPEED
 from txt1.errors import ConfigError
 from txt1.fleet.command import line, verdict
 from txt1.fleet.fleet import Fleet
@@ -442,7 +442,7 @@ def test_robot_and_bridge_obey_each_stop_answer_the_truth_and_bear_wrong_input()
             await told(slowing, Standing(("net01",)))
             assert not robot.armed
             await told(Standing(("net01",)))
-            assert abs(robot.odometry.v) <= STILL
+            assert abs(robot.odometry.v) <= STILL_SPEED
             robot.arm()
             await until(lambda: says("stop/console1", {"from": "console1", "number": 2**60}) or not robot.armed)
             refusal = "a message of net02 is refused: x: it is no number"

@@ -12,7 +12,7 @@ import pytest
 from tests.e2e.conftest import ENDLESS, passing
 from tests.patience import lateness, until
 from txt1.bridges.registry import BRIDGES, bridge
-from txt1.control.holding import LASTS
+from txt1.control.holding import HOLD_LASTS
 from txt1.kernel.loop import run
 from txt1.robot import Robot
 
@@ -42,7 +42,7 @@ def test_a_pad_drives_and_the_robot_stops_when_it_is_gone(what: str, monkeypatch
                 if what == "out of reach":
                     began = passed[0].time
                     await until(lambda: robot.now > passed[-1].given + 0.5)
-                    assert LASTS - 0.3 - late() < passed[-1].time - began < LASTS + 0.3 + late()
+                    assert HOLD_LASTS - 0.3 - late() < passed[-1].time - began < HOLD_LASTS + 0.3 + late()
                 await until(lambda: robot.now > passed[-1].given + 0.5 and robot.runtime.state.control.v == 0.0)
                 assert what != "killed" or max(each.given for each in passed) <= killed
                 assert max(each.time - each.given for each in passed) <= 0.25 + 1e-6

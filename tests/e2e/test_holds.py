@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from tests.e2e.conftest import Sample
-from txt1.control.holding import HANDOVER, LASTS
+from txt1.control.holding import HANDOVER, HOLD_LASTS
 from txt1.record.attached_recorder import PanelHand
 from txt1.robot import Robot
 
@@ -27,7 +27,7 @@ async def pushed(robot: Robot, panel: PanelHand, seconds: float, *velocities: fl
 
 async def test_a_button_of_the_live_view_that_is_held_for_ever_drives_for_three_seconds(robot: Robot) -> None:
     panel = PanelHand(robot, robot.source("view"))
-    assert await pushed(robot, panel, 10.0, 0.5) == pytest.approx(LASTS, abs=0.3)
+    assert await pushed(robot, panel, 10.0, 0.5) == pytest.approx(HOLD_LASTS, abs=0.3)
     panel.drive(0.0, 0.0, 0.0)
     assert await pushed(robot, panel, 1.0, 0.5) > 0.9, "after a zero it is a fresh press"
     await asyncio.sleep(1.0)

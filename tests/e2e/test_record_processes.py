@@ -119,7 +119,7 @@ def test_on_the_real_clock_a_full_disk_costs_messages_and_no_cycle(
 def test_a_slow_disk_costs_messages_that_are_counted_and_no_cycle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(record_recorder, "BATCH", 0.02)
+    monkeypatch.setattr(record_recorder, "BATCH_PERIOD", 0.02)
     monkeypatch.setattr(record_recorder, "BACKLOG", 3)
     monkeypatch.setattr(mcap_file.McapFile, "add", slow(mcap_file.McapFile.add))
 

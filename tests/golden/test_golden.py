@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.golden.recipes import RECIPES
-from txt1.record.comparison import CLOSE
+from txt1.record.comparison import NUMBERS_CLOSE
 from txt1.record.reader import metadata_of
 from txt1.record.session import machine
 from txt1.record.verification import Verdict, verify
@@ -35,7 +35,9 @@ def test_a_golden_recording_verifies(name: str, record_property: Callable[[str, 
     made = metadata_of(FOLDER / f"{name}.mcap", "txt1")
     assert {"processor", "libm", "numpy"} <= made.keys()
     same = all(made[part] == told for part, told in machine().items())
-    record_property("compared", "bit for bit" if same else f"within {CLOSE:g}: made with another processor or library")
+    record_property(
+        "compared", "bit for bit" if same else f"within {NUMBERS_CLOSE:g}: made with another processor or library"
+    )
     assert found.difference is None, str(found.difference)
     assert found.exact is same
     assert found.lacks == ""

@@ -10,8 +10,8 @@ Beyond it the output flips between its limits at every sample, whatever the othe
 others at 0, ends at K_P = S / 2 (counts per mm/s or mrad/s), K_I = S / T (the same per s) and K_D = S T / 4 (times s).
 A negative gain drives away from the set-point. The bound is necessary, not sufficient: gains within it may still swing.
 
-tau and K are the vehicle's parameters. They are assumed until the vehicle is calibrated, so `MARGIN` times S is let
-through. Steered wheels answer within a sample, a = 0, and K = v / (R_min * 18000 counts) by (2.16). Here v is the
+tau and K are the vehicle's parameters. They are assumed until the vehicle is calibrated, so `WEAKER_FACTOR` times S is
+let through. Steered wheels answer within a sample, a = 0, and K = v / (R_min * 18000 counts) by (2.16). Here v is the
 learning robot's 0.3 m/s: gains that are refused swing at this speed, and more at higher speeds. Sides at two speeds
 turn with the lag tau and K = 2/3 of the speed's, over the track width. The thesis's own gains always pass, as original
 boards carry them.
@@ -23,10 +23,10 @@ from typing import Final, NamedTuple
 
 from txt1.control.pid import Gains
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, GainSet
-from txt1.model.vehicle import SIDES, SPEED, STEERING_MAX, Geometry
+from txt1.model.vehicle import LEARNING_SPEED, SIDES, STEERING_MAX, Geometry
 
 # factor for an uncalibrated vehicle that is weaker than its parameters say; chosen
-MARGIN: Final = 2.0
+WEAKER_FACTOR: Final = 2.0
 # of K_P, K_I and K_D, with mm or mrad
 UNITS: Final = ("counts per {}/s", "counts per {}", "counts per {}/s^2")
 
@@ -62,7 +62,7 @@ def gain_limits(geometry: Geometry, speed_gain: float, time_constant: float, ski
     yaw = (
         (lag, speed * 2.0 / (SIDES * geometry.track_width * skid))
         if geometry.steering == "skid"
-        else (0.0, 1000.0 * SPEED / (geometry.radius_min * STEERING_MAX))
+        else (0.0, 1000.0 * LEARNING_SPEED / (geometry.radius_min * STEERING_MAX))
     )
     angular = Gains(*map(max, *(each.gains for each in ANGULAR_GAINS)))
     return GainLimits(_most(lag, speed, period, LINEAR_GAINS), _most(*yaw, period, angular))
@@ -70,7 +70,7 @@ def gain_limits(geometry: Geometry, speed_gain: float, time_constant: float, ski
 
 def _most(a: float, k: float, period: float, least: Gains) -> Gains:
     # with a time constant of years the output has no effect, so any gain is bearable
-    s = MARGIN * 2.0 * (1.0 + a) / max((1.0 - a) * k, 1e-9)
+    s = WEAKER_FACTOR * 2.0 * (1.0 + a) / max((1.0 - a) * k, 1e-9)
     # thousandths, as on the wire: so gains that pass here also pass on the board
     return Gains(
         *(max(round(each, 3), low) for each, low in zip((s / 2.0, s / period, s * period / 4.0), least, strict=True))

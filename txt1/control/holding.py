@@ -6,7 +6,7 @@ still down are no signs: the computer makes them without a hand, when a release 
 reach. So a hold ends
 
 * when any dead-man is released, also one that does not drive;
-* `LASTS` s after the last sign.
+* `HOLD_LASTS` s after the last sign.
 
 A hold that has ended comes back by a fresh press alone. A fresh press of another hand takes over: the first hold ends,
 the robot is commanded zero, and `HANDOVER` s later the new hand drives. The page has the same rule
@@ -17,7 +17,7 @@ from math import inf
 from typing import Final
 
 # s without a sign of a hand after which its hold ends
-LASTS: Final = 3.0
+HOLD_LASTS: Final = 3.0
 # s of zero between two hands; the board gets two Velocity messages in this time
 HANDOVER: Final = 0.1
 # s without a command of a hand after which its hold is over, and does not go on by itself
@@ -27,7 +27,7 @@ PAUSE: Final = 0.5
 class Hold:
     """The hold of several hands, such as pads, by their numbers: at most one of them holds."""
 
-    def __init__(self, lasts: float = LASTS) -> None:
+    def __init__(self, lasts: float = HOLD_LASTS) -> None:
         self.by: int | None = None
         """The hand that holds."""
         self.expired = False

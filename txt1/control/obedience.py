@@ -4,9 +4,9 @@ A board whose line from the host is disturbed stops the car by its own rule, and
 on, and counts no fault. When it hears the host again, its loops may take the whole gap as one step, and the car
 lurches. So the host has to notice it earlier, by the speed.
 
-The car *reached* its command at REACHED of it. It *fails* it below FAILS of it, for LASTS, unless within SETTLES the
-command was lowered, or the car was as much faster as 1 / REACHED: loops that brake overshoot. A command that rises, or
-turns round, has to be reached anew. So has a command after a fall from one share to the other within QUICK: no car
+The car *reached* its command at REACHED of it. It *fails* it below FAILS of it, for FAILS_FOR, unless within SETTLES
+the command was lowered, or the car was as much faster as 1 / REACHED: loops that brake overshoot. A command that rises,
+or turns round, has to be reached anew. So has a command after a fall from one share to the other within QUICK: no car
 coasts so fast, and a wall is another matter.
 """
 
@@ -17,13 +17,13 @@ from typing import Final
 REACHED: Final = 0.8
 FAILS: Final = 0.5
 # s
-LASTS: Final = 0.12
+FAILS_FOR: Final = 0.12
 SETTLES: Final = 0.5
 QUICK: Final = 0.1
 # m/s that has to be commanded
 SLOWEST: Final = 0.1
 # share by which a command may vary and count as the same
-SAME: Final = 0.1
+SAME_SHARE: Final = 0.1
 
 
 class Obedience:
@@ -49,8 +49,8 @@ class Obedience:
             return False
         along = v if asked > 0.0 else -v
         turned, change = asked * self._asked <= 0.0, abs(asked) - abs(self._asked)
-        lowered = not turned and change < -SAME * abs(self._asked)
-        if turned or abs(change) > SAME * abs(self._asked):
+        lowered = not turned and change < -SAME_SHARE * abs(self._asked)
+        if turned or abs(change) > SAME_SHARE * abs(self._asked):
             self._reached, self._asked = self._reached and lowered, asked
         self._slowing = now if lowered or REACHED * along > abs(asked) else self._slowing
         if along >= REACHED * abs(asked):
@@ -61,4 +61,4 @@ class Obedience:
             self._fails_since = inf
             return False
         self._fails_since = min(self._fails_since, now)
-        return now - self._fails_since >= LASTS - 1e-9
+        return now - self._fails_since >= FAILS_FOR - 1e-9

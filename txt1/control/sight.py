@@ -11,8 +11,8 @@ what may have happened unseen:
 * **Doubt.** The car rolled faster than FALL, so this reading fell faster than brakes can slow a car. (Wheels may spin
   faster than it rolls: its speed is that of the wheels, but rises by no more than the tyres' PULL.) The outputs are
   neutral until the next reading. A wheel that was locked turns again in it, and the car drives on.
-* **Lost.** The reading after a doubt is 0, too. Or the car may have gone WAY without being seen: loops that see 0 add
-  the commanded speed to their output about every GAIN, so a car that rolled at v0 is, after t s, at
+* **Lost.** The reading after a doubt is 0, too. Or the car may have gone UNSEEN_WAY without being seen: loops that see
+  0 add the commanded speed to their output about every GAIN, so a car that rolled at v0 is, after t s, at
 
       v = v0 + v_asked t / GAIN            so that its way is        v0 t + v_asked t^2 / (2 GAIN)
 
@@ -28,7 +28,7 @@ from typing import Final
 # m/s of a fall from one reading to the next that no brakes explain: 10 m/s^2 for the 0.05 s between two messages
 FALL: Final = 0.5
 # m that a car may go on without being seen
-WAY: Final = 0.1
+UNSEEN_WAY: Final = 0.1
 # s in which loops that see 0 add the commanded speed to that of their outputs
 GAIN: Final = 0.1
 # m/s^2 that tyres pull
@@ -36,9 +36,9 @@ PULL: Final = 10.0
 # m/s that has to be commanded: slower wheels may read 0
 SLOWEST: Final = 0.1
 # share of the commanded speed below which a car was slowing down already, and may have come to rest
-KEEPS: Final = 0.7
+SLOWED_SHARE: Final = 0.7
 # s that a reading may cover; what happened in a longer pause of the line is not known
-LONGEST: Final = 0.05
+READING_TIME_MAX: Final = 0.05
 # encoder counts that have to be missing
 COUNTS: Final = 5.0
 
@@ -58,8 +58,8 @@ class WheelSight:
     """Notices from readings of the wheels that a car is not seen any more; `count` is m per encoder count, or 0."""
 
     def __init__(self, count: float) -> None:
-        self._way_max = max(WAY, COUNTS * count)
-        self._fall = max(FALL, COUNTS * count / LONGEST)
+        self._way_max = max(UNSEEN_WAY, COUNTS * count)
+        self._fall = max(FALL, COUNTS * count / READING_TIME_MAX)
         self.clear()
 
     def clear(self) -> None:
@@ -79,7 +79,7 @@ class WheelSight:
     def turns(self, wheel: float, dt: float) -> None:
         """Take a reading of wheels that turn, which came `dt` s after the last: the outer wheel's speed, m/s."""
         before = self._before = self._speed
-        speed = PULL * (dt if dt < LONGEST else LONGEST)
+        speed = PULL * (dt if dt < READING_TIME_MAX else READING_TIME_MAX)
         if before * wheel > 0.0:
             speed += before if before > 0.0 else -before
         self._speed = wheel if -speed <= wheel <= speed else copysign(speed, wheel)
@@ -98,11 +98,11 @@ class WheelSight:
             self.clear()
             return False
         rolled = self._rolled(asked)
-        if brakes or rolled < KEEPS * abs(asked):
+        if brakes or rolled < SLOWED_SHARE * abs(asked):
             return False
         if self._way == 0.0 and rolled > self._fall:
             self.doubted = True
-        dt = min(dt, LONGEST)
+        dt = min(dt, READING_TIME_MAX)
         self._gained += dt * min(abs(asked) / GAIN, PULL)
         self._way += dt * (rolled + self._gained)
         return self._way > self._way_max

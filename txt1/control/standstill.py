@@ -8,8 +8,8 @@ may be wound up. So the speed is watched from the moment at which nothing should
 times a second three questions are asked:
 
 1. *Does it slow down?* The stop is on its way if the speed falls at least as fast as that of a coasting vehicle.
-2. *Does it stand?* It does when the speed was STILL or less for STANDS. Only this is called standing. An unknown speed
-   is never taken for 0.
+2. *Does it stand?* It does when the speed was STILL_SPEED or less for STANDS_AFTER. Only this is called standing. An
+   unknown speed is never taken for 0.
 3. *Does it move without a command?* Then an outside force moves it, and that is reported.
 
 A robot that is faster than any command, and again RACES later, is neither pushed by a hand nor slowing down. Its loops
@@ -17,7 +17,8 @@ drive it, and the ESC is switched off at once: a PWM test of zeros interrupts lo
 
 If the answer to the first question is no, the stop escalates: zeros, which are sent all the time; then a PWM test of
 zeros, which bypasses the loops; then the ESC off. Within a stop it never goes back to a weaker measure. Each measure
-gets GRACE to show an effect, and is judged from the speed at which it began. While the line is dead, this time stops.
+gets MEASURE_TIME to show an effect, and is judged from the speed at which it began. While the line is dead, this time
+stops.
 
 A robot that stood and is no longer seen is `UNSEEN`, not standing. So is a robot whose speed fell faster than any
 vehicle can brake: its encoders have lost their power, or it stands at a wall, and the two cannot be told apart.
@@ -30,9 +31,10 @@ From the instant t = 0 at which nothing moves it any more, a vehicle with speed 
     dv/dt = -(v + f) / tau        so that        v(t) = (v0 + f) exp(-(t - t0) / tau) - f,        not below 0
 
 with the friction f and the time constant tau of a vehicle without brakes; loops that brake are faster. That is the
-envelope. From 0.5 s on the stop escalates if the speed is 0.1 m/s above the envelope, if it stays above STILL when the
-envelope has come to 0, or if it is unknown. Each measure gets the same 0.5 s and an envelope of its own. An envelope
-never begins above the speed at which a vehicle counts as a runaway: a counter that jumped would allow it seconds.
+envelope. From 0.5 s on the stop escalates if the speed is 0.1 m/s above the envelope, if it stays above STILL_SPEED
+when the envelope has come to 0, or if it is unknown. Each measure gets the same 0.5 s and an envelope of its own. An
+envelope never begins above the speed at which a vehicle counts as a runaway: a counter that jumped would allow it
+seconds.
 """
 
 from enum import StrEnum
@@ -40,9 +42,9 @@ from math import exp, inf, log, nan
 from typing import Final
 
 # s that each measure gets
-GRACE: Final = 0.5
+MEASURE_TIME: Final = 0.5
 # m/s above the envelope at which a stop has failed
-MARGIN: Final = 0.1
+ENVELOPE_MARGIN: Final = 0.1
 # s from a stop to its effect on the odometry: a period of line, of board and of odometry
 DELAY: Final = 0.15
 # s, of coasting
@@ -50,9 +52,9 @@ TAU: Final = 0.6
 # m/s, of coasting
 FRICTION: Final = 0.1
 # m/s: original boards read 0 or 0.045 m/s a wheel when it hardly moves
-STILL: Final = 0.05
+STILL_SPEED: Final = 0.05
 # s at this speed at most, after which it counts as standing
-STANDS: Final = 0.3
+STANDS_AFTER: Final = 0.3
 # s after the envelope has come to 0; by then even a slow vehicle has to stand
 LINGERS: Final = 0.5
 # m/s; a vehicle without a command that is faster moves
@@ -168,7 +170,7 @@ class Standstill:
 
     def _look(self, now: float, v: float | None) -> None:
         speed = nan if v is None else abs(v)
-        self._still_since = min(self._still_since, now) if speed <= STILL else inf
+        self._still_since = min(self._still_since, now) if speed <= STILL_SPEED else inf
         self._moving_since = min(self._moving_since, now) if speed > MOVES else inf
         racing = speed > self._fastest
         if racing and now - self._raced > RACED:
@@ -176,7 +178,7 @@ class Standstill:
         self._races = racing and now - self._raced >= RACES - 1e-9
 
     def _is_still(self, now: float) -> bool:
-        return now - self._still_since >= STANDS - 1e-9
+        return now - self._still_since >= STANDS_AFTER - 1e-9
 
     def _begin(self, stop: Stop, now: float, v: float | None) -> None:
         self.stop, self._since = stop, now
@@ -184,7 +186,7 @@ class Standstill:
 
     def _verify(self, now: float, v: float | None, connected: bool) -> None:
         t = now - self._since
-        if self._is_still(now) and now >= self._since + STANDS:
+        if self._is_still(now) and now >= self._since + STANDS_AFTER:
             self.stop = self._rest
             return
         if not connected and v is None:
@@ -193,10 +195,10 @@ class Standstill:
         if v is not None and t <= DELAY:
             # it was still getting faster
             self._v0 = max(self._v0, min(abs(v), self._fastest))
-        if t < GRACE - 1e-9:
+        if t < MEASURE_TIME - 1e-9:
             return
-        over = v is None or abs(v) > envelope(self._v0, t) + MARGIN
-        lingers = v is not None and abs(v) > STILL and t >= coasting_time(self._v0) + LINGERS
+        over = v is None or abs(v) > envelope(self._v0, t) + ENVELOPE_MARGIN
+        lingers = v is not None and abs(v) > STILL_SPEED and t >= coasting_time(self._v0) + LINGERS
         if over or lingers:
             self._escalate(Stop.ESC_OFF if self.stop in UNOBEYED else Stop.PWM_ZEROS, now, v)
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any, Final
 
 from txt1.control.hand import Hand
-from txt1.control.holding import LASTS
+from txt1.control.holding import HOLD_LASTS
 from txt1.gamepad.pad import AXES, BUTTONS, PadParameters, Pads, PadState
 from txt1.kernel.clock import RealClock, seconds
 from txt1.sidecar import Connection
@@ -135,7 +135,7 @@ def main(robot: Connection, hand: Mapping[str, Any] | None = None, **parameters:
                 robot.request("release")
                 if pads.expired:
                     robot.request(
-                        "tell", text=f"no sign of a hand for {given.silence or LASTS:g} s: let go and press again"
+                        "tell", text=f"no sign of a hand for {given.silence or HOLD_LASTS:g} s: let go and press again"
                     )
             driving = wish.velocity is not None
             if wish.arm:

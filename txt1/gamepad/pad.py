@@ -16,7 +16,7 @@ from typing import Annotated, Final, Literal, NamedTuple, get_args
 from annotated_types import Gt, Le
 
 from txt1.control.hand import Hand, shaped
-from txt1.control.holding import LASTS, Hold
+from txt1.control.holding import HOLD_LASTS, Hold
 from txt1.errors import ConfigError
 from txt1.units import Positive
 
@@ -45,7 +45,7 @@ ARMS: Final = 0.5
 # s after the appearance of a pad in which its presses are not fresh: its first report may come late
 APPEARS: Final = 0.5
 
-Silence = Annotated[float, Gt(0.0), Le(LASTS)]
+Silence = Annotated[float, Gt(0.0), Le(HOLD_LASTS)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +159,7 @@ class Pads:
     def __init__(self, parameters: PadParameters, hand: Hand) -> None:
         self._parameters, self._hand = parameters, hand
         self._pads: dict[int, Pad] = {}
-        self._hold = Hold(parameters.silence or LASTS)
+        self._hold = Hold(parameters.silence or HOLD_LASTS)
 
     @property
     def driver(self) -> int | None:

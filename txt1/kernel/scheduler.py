@@ -78,7 +78,7 @@ INDEX: Final = TASKS_MAX - 1
 PUNCTUAL_MAX: Final = 1000
 # bits of a cycle's number: all 0 in the one cycle of eight that is measured in jumping virtual time, as to read the
 # clock each time costs a twentieth
-UNMEASURED: Final = 7
+UNMEASURED_BITS: Final = 7
 
 PeriodicTask = Callable[[Ticks], Coroutine[Any, Any, None]]
 TaskRow = tuple[str, int, float | None, PeriodicTask]
@@ -418,7 +418,7 @@ class Scheduler:
             statistics = entry.statistics
             cycles = statistics.cycles
             statistics.cycles = cycles + 1
-            started_ns = 0 if cycles & UNMEASURED else time_ns()
+            started_ns = 0 if cycles & UNMEASURED_BITS else time_ns()
             try:
                 if entry.send(now) is not next_tick:
                     self._waited(entry)

@@ -6,9 +6,9 @@ from typing import Final
 from txt1.kernel.clock import NS_PER_S, stopwatch_ns
 
 # s of real time over which it is measured
-LOOK: Final = 2.0
+MEASURED_OVER: Final = 2.0
 # share of real time from which on nothing is said
-ENOUGH: Final = 0.95
+REAL_TIME_ENOUGH: Final = 0.95
 
 
 class Slowness:
@@ -22,9 +22,9 @@ class Slowness:
     def __call__(self) -> str:
         """Return the warning, with the remedy first."""
         elapsed = (self._clock() - self._since) / NS_PER_S
-        if elapsed >= LOOK:
+        if elapsed >= MEASURED_OVER:
             share = max(0.0, 1.0 - (self._held() - self._before) / elapsed)
             self._since, self._before = self._clock(), self._held()
             slow = f"end other programs: busy, time runs at {100.0 * share:.0f} % of real time"
-            self._text = slow if share < ENOUGH else ""
+            self._text = slow if share < REAL_TIME_ENOUGH else ""
         return self._text

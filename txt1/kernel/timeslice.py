@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 # ns, the shortest there is
-SHORT: Final = 100_000
+SLICE_MIN_NS: Final = 100_000
 
 # sched_setattr(2): size, policy, flags, niceness, ..., turn in ns, ...
 _ATTRIBUTES: Final = struct.Struct("=IIQiIQQQ")
@@ -29,7 +29,7 @@ def short() -> None:
     """Give the calling thread short turns, unless it has another scheduling policy than the ordinary."""
     if sys.platform == "linux" and os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER:
         with suppress(OSError):
-            _set(0, os.getpriority(os.PRIO_PROCESS, 0), SHORT, _RESET_ON_FORK)
+            _set(0, os.getpriority(os.PRIO_PROCESS, 0), SLICE_MIN_NS, _RESET_ON_FORK)
 
 
 def ordinary(process: int, niceness: int, session: bool = False) -> None:

@@ -8,11 +8,11 @@ from pydantic import Field, model_validator
 
 from txt1.config.schema import Brought, OpenSection, Section
 from txt1.errors import ConfigError
-from txt1.model.vehicle import SPEED, Geometry
+from txt1.model.vehicle import LEARNING_SPEED, Geometry
 from txt1.units import NotNegative, Positive
 
 # sharpest yaw rate at the learning robot's speed, rad/s: v / R = 0.3 / 0.56 = 0.536, which table 5.2 prints as 0.54
-TURN: Final = SPEED / Geometry().radius_min
+TURN: Final = LEARNING_SPEED / Geometry().radius_min
 
 GROUP: Final = "txt1.learning"
 """Entry points by which packages bring keys to the section: each names the type of a key's value."""
@@ -88,7 +88,11 @@ class LearningConfig(OpenSection):
 
     brought: ClassVar[Brought] = Brought(GROUP, _names, _kind)
 
-    actions: Annotated[tuple[Action, ...], Field(min_length=2)] = ((SPEED, -TURN), (SPEED, 0.0), (SPEED, TURN))
+    actions: Annotated[tuple[Action, ...], Field(min_length=2)] = (
+        (LEARNING_SPEED, -TURN),
+        (LEARNING_SPEED, 0.0),
+        (LEARNING_SPEED, TURN),
+    )
     """(v, omega) of each action, m/s and rad/s; right, straight, left (table 5.2). The learners see their numbers."""
     delay: NotNegative = 0.0
     """Delay with which every action reaches the robot, s, as over a slow link."""

@@ -22,7 +22,7 @@ from txt1.learning.settings import LearningConfig
 from txt1.model.light_sensors import Readings
 from txt1.model.odometry import Odometry
 from txt1.model.optimal import GOAL_RADIUS, optimal_time
-from txt1.model.vehicle import SPEED, Geometry
+from txt1.model.vehicle import LEARNING_SPEED, Geometry
 from txt1.sensors.light import STREAM
 from txt1.sim.pcg64 import Pcg64
 
@@ -66,7 +66,7 @@ class Task(NamedTuple):
     # rest before the first decision, s
     settle: float = 0.5
     # the fastest of the actions, m/s
-    speed: float = SPEED
+    speed: float = LEARNING_SPEED
     # of the sharpest turn among the actions, m
     radius_min: float = Geometry().radius_min
     # delay with which an action reaches the robot, s

@@ -51,7 +51,7 @@ MAPS: Final = "config/maps"
 # cells; 280 m x 280 m at 5 cm: their distances take some seconds
 CELLS_MAX: Final = 32_000_000
 # bytes of a picture that contain its size
-HEAD: Final = 1000
+SIZE_BYTES: Final = 1000
 PICTURES: Final = (".pgm", ".png", ".bmp")
 MODES: Final = ("trinary", "scale", "raw")
 # of a pixel of 0 to 255: how savers of maps write an unknown cell
@@ -205,7 +205,7 @@ def _bytes_of(file: Path) -> bytes:
     try:
         with open_file(file) as opened:
             size = os.fstat(opened.fileno()).st_size
-            header = _HEADER.match(opened.read(HEAD)) if size > PICTURE_MAX else None
+            header = _HEADER.match(opened.read(SIZE_BYTES)) if size > PICTURE_MAX else None
         if header is not None:
             _check_size(file, int(header[2]), int(header[3]))
         if size > PICTURE_MAX:

@@ -21,7 +21,7 @@ OCCUPIED_FROM: Final = 50
 REACH: Final = 32
 # the same inside walls: a vehicle gets no deeper into a wall
 WITHIN: Final = 8
-ROWS: Final = 16
+ROWS_AT_ONCE: Final = 16
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -97,11 +97,11 @@ def distances(marked: Bools, reach: int) -> NDArray[np.float32]:
         np.minimum(far[k], far[k + 1] + 1, out=far[k])
     found = np.empty(far.shape, np.float32)
     # some rows at a time, so that they stay in the processor's cache
-    for first in range(0, len(far), ROWS):
-        squares = far[first : first + ROWS] ** 2
+    for first in range(0, len(far), ROWS_AT_ONCE):
+        squares = far[first : first + ROWS_AT_ONCE] ** 2
         best = squares.copy()
         for k in range(1, min(reach, far.shape[1] - 1) + 1):
             np.minimum(best[:, k:], squares[:, :-k] + np.int16(k * k), out=best[:, k:])
             np.minimum(best[:, :-k], squares[:, k:] + np.int16(k * k), out=best[:, :-k])
-        np.sqrt(best, out=found[first : first + ROWS])
+        np.sqrt(best, out=found[first : first + ROWS_AT_ONCE])
     return found

@@ -21,7 +21,7 @@ from txt1.installing import installs
 from txt1.maps.grid import REACH, Bools, Floats, Grid
 
 # up to this number, rays are quicker singly than as arrays
-FEW: Final = 8
+SINGLY_MAX: Final = 8
 # more than two half diagonals of a cell, cells
 ACROSS: Final = 1.5
 
@@ -106,7 +106,7 @@ def _compiled() -> Callable[..., Any] | None:
 def _caster(count: int) -> Callable[..., Floats]:
     """Return the function that casts `count` rays."""
     trace = _compiled()
-    if trace is None and count >= FEW:
+    if trace is None and count >= SINGLY_MAX:
         return _together
     return lambda grid, u, v, angles, far: _one_by_one(trace or _trace, grid, u, v, angles, far)
 

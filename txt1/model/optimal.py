@@ -16,7 +16,7 @@ Bellman's inequality that no path is shorter.
 from math import acos, asin, atan2, cos, hypot, inf, isfinite, pi, sin, sqrt
 from typing import Final
 
-from txt1.model.vehicle import SPEED, Geometry
+from txt1.model.vehicle import LEARNING_SPEED, Geometry
 
 # goal radius, m: the light is reached at this distance (thesis 5.4)
 GOAL_RADIUS: Final = 0.5
@@ -26,7 +26,7 @@ def optimal_time(
     x: float,
     y: float,
     theta: float,
-    speed: float = SPEED,
+    speed: float = LEARNING_SPEED,
     radius_min: float = Geometry().radius_min,
     goal_radius: float = GOAL_RADIUS,
 ) -> float:

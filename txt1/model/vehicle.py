@@ -11,7 +11,7 @@ from txt1.units import Positive
 # counts from neutral (1.5 ms) to either end (1 ms, 2 ms) of a channel's pulse
 PWM_MAX: Final = 24000
 # the learning robot's speed, m/s (table 5.2)
-SPEED: Final = 0.3
+LEARNING_SPEED: Final = 0.3
 # counts of steering for a difference of 1 count between a side and the mean, for sides at two speeds
 SIDES: Final = 3.0
 # counts at which the linkage is at its stop; beyond it the servo only draws current (4.3)

@@ -23,8 +23,7 @@ from txt1.maps.files import Map
 from txt1.maps.grid import FREE, Grid
 from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.sim.machine_code import compiled
-from txt1.sim.walls import SLOPE, Walls
-from txt1.sim.walls import STEP as STEP_BESIDE
+from txt1.sim.walls import SLOPE, WALL_STEP, Walls
 from txt1.tasks.on_map import MapInUse
 
 OFF_MAP: Final = 32.0
@@ -108,7 +107,7 @@ def has_room(
     for i in range(4):
         ax, ay = (0.5 if i < 2 else -0.5) * length, (0.5 if i % 2 == 0 else -0.5) * width
         lowest = min(lowest, depth_at(depth, columns, rows, frame, x + c * ax - s * ay, y + s * ax + c * ay))
-    step = STEP_BESIDE / frame[4]
+    step = WALL_STEP / frame[4]
     for side in range(4):
         # from a corner along a side, anticlockwise
         if side == 0:

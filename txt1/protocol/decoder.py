@@ -19,7 +19,7 @@ DATA_MAX: Final = 249
 # bytes of a frame that are not data: header, length, command and checksum
 OVERHEAD: Final = 6
 # bytes of a faulty frame that are kept for the reader
-HEAD: Final = 8
+KEPT_BYTES: Final = 8
 
 # (length, command) of two obsolete messages that boards and hosts still send (one gain set; the PID's terms)
 OLD_COMMANDS: Final = frozenset({(24, 0x6B), (16, 0x6D)})
@@ -177,7 +177,7 @@ class Decoder:
                 reason = Reason.BAD_CHECKSUM
             # two bytes inside an intact frame that look like a header are data
             if at >= settled:
-                events.append(self._fault(reason, base + at, stream[at : min(end, at + HEAD)]))
+                events.append(self._fault(reason, base + at, stream[at : min(end, at + KEPT_BYTES)]))
                 offsets.append(base + at)
         else:
             self._wanted = 0

@@ -22,7 +22,7 @@ from txt1.tasks.inputs import COMMAND, INPUT
 from txt1.telemetry.snapshot import SNAPSHOT
 from txt1.telemetry.topics import Topic
 
-CLOSE: Final = 1e-6
+NUMBERS_CLOSE: Final = 1e-6
 """By which numbers may differ between two processors, absolute, or as a share of the number where that is more."""
 
 
@@ -59,7 +59,7 @@ class Comparison:
         path: of the recording.
         robot: the name of the robot in it.
         runtime: the robot that is run again.
-        exact: whether each byte has to be the same; else numbers may differ by `CLOSE`.
+        exact: whether each byte has to be the same; else numbers may differ by `NUMBERS_CLOSE`.
         real: whether the recording was made on the real clock.
         sensed: whether the sensors' readings are in it, and are given again.
         ends: whether nothing is compared behind the end of the run: hardware takes its own time to stand.
@@ -169,7 +169,7 @@ class Comparison:
         if isinstance(old, dict):
             return old.keys() == new.keys() and all(self._close(old[key], new[key]) for key in old)
         if isinstance(old, float):
-            return isclose(old, new, rel_tol=CLOSE, abs_tol=CLOSE) or repr(old) == repr(new)
+            return isclose(old, new, rel_tol=NUMBERS_CLOSE, abs_tol=NUMBERS_CLOSE) or repr(old) == repr(new)
         return bool(old == new)
 
     def _values(self, item: Item) -> dict[str, Any]:

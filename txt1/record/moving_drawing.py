@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from txt1.sim.obstacles import Outline
 
 # s that the picture moves, at most, before it begins again
-LASTS: Final = 12.0
+PICTURE_LASTS: Final = 12.0
 # poses of the car in it
 POSES: Final = 240
 # pixels of its longer side
 SIDE: Final = 640
 # m around all that is drawn
-MARGIN: Final = 0.4
+DRAWN_MARGIN: Final = 0.4
 # m to the next pose from which on the car was placed there and has not driven
 PLACED: Final = 0.3
 WALL, PATH, CAR, LIGHT, INK = "#59636e", "#0072B2", "#D55E00", "#E69F00", "#24292f"
@@ -44,7 +44,7 @@ def moving_drawing(
     at = np.searchsorted(poses[0], time, side="right") - 1
     x, y, theta = poses[1:, at]
     elapsed = float(time[-1] - time[0])
-    lasts = min(LASTS, max(elapsed, 1.0))
+    lasts = min(PICTURE_LASTS, max(elapsed, 1.0))
     left, bottom, right, top = _bounds(poses, place)
     scale = SIDE / max(right - left, top - bottom)
     width, height = scale * (right - left), scale * (top - bottom)
@@ -100,4 +100,4 @@ def _bounds(poses: NDArray[np.float64], place: DrawnRoom) -> tuple[float, float,
     points = [corner for each in place.walls for corner in each] + ([place.light] if place.light else [])
     xs = np.concatenate((poses[1], [a for a, _ in points]))
     ys = np.concatenate((poses[2], [b for _, b in points]))
-    return xs.min() - MARGIN, ys.min() - MARGIN, xs.max() + MARGIN, ys.max() + MARGIN
+    return xs.min() - DRAWN_MARGIN, ys.min() - DRAWN_MARGIN, xs.max() + DRAWN_MARGIN, ys.max() + DRAWN_MARGIN

@@ -27,7 +27,7 @@ from txt1.tasks.controller import CONTROL_PERIOD
 from txt1.telemetry import exact  # noqa: F401
 from txt1.telemetry.topics import Rule, Topic
 
-BATCH: Final = 0.5
+BATCH_PERIOD: Final = 0.5
 """s between two batches on the real clock; a crash may lose this much, and the disk's delay."""
 BATCH_MAX: Final = 5.0
 """s of the robot's time in a batch at full speed."""
@@ -89,7 +89,7 @@ class Recorder:
         speed = loop.speed if isinstance(loop, VirtualTimeLoop) else 1.0
         self._full_speed = speed is None
         if batch is None:
-            batch = BATCH_MAX if speed is None else min(BATCH * speed, BATCH_MAX)
+            batch = BATCH_MAX if speed is None else min(BATCH_PERIOD * speed, BATCH_MAX)
         # half a cycle less, as times are rounded
         self._batch_time = batch - CONTROL_PERIOD / 2
         # of the robot's time, s: the end of this batch, and when messages are made to records again

@@ -27,7 +27,7 @@ from txt1.record.reader import Decoding, Item, flat
 # bytes of a field that stand in a cell of a CSV table, as hexadecimal digits
 BYTES_MAX: Final = 64
 # rows that are collected before they are written
-ROWS: Final = 2000
+ROWS_COLLECTED: Final = 2000
 # encodings of sensor_msgs/Image that are written as PNG: type of a pixel, and channels
 GREYS: Final = {"mono8": "u1", "8UC1": "u1", "mono16": "u2", "16UC1": "u2"}
 SIGNATURES: Final = {b"\xff\xd8\xff": ".jpg", b"\x89PNG": ".png"}
@@ -89,7 +89,7 @@ class _Parquet:
         """Add a message as a row."""
         self._waiting.append({"time": item.time, **dict(flat(values))})
         self.rows += 1
-        if len(self._waiting) == ROWS:
+        if len(self._waiting) == ROWS_COLLECTED:
             self._write()
 
     def _write(self) -> None:

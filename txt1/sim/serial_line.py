@@ -14,7 +14,7 @@ BITS_PER_BYTE: Final = 10
 """Bits on the line for a byte: a start bit, eight data bits, a stop bit (8N1, thesis 3.5)."""
 
 # more bits than any line ever carries
-ENDLESS: Final = 1e18
+NO_ERROR_BITS: Final = 1e18
 
 LineFault = Literal["drop", "tear", "flip", "duplicate", "stall", "cut"]
 Arrival = tuple[float, bytes]
@@ -123,7 +123,7 @@ class SerialLine:
         flip = self.faults.flip
         if flip in (0.0, 1.0):
             return 0
-        return int(min(log(1.0 - self._rng.random()) / log1p(-flip), ENDLESS))
+        return int(min(log(1.0 - self._rng.random()) / log1p(-flip), NO_ERROR_BITS))
 
     def _report(self, fault: LineFault, data: bytes) -> None:
         self.counts[fault] += 1

@@ -15,7 +15,7 @@ from txt1.units import GRAVITY
 # longest step, s
 SLIP_STEP: Final = 0.001
 # m/s below which slip counts as if the car or its wheels had this speed
-SLOW: Final = 0.05
+SLIP_SPEED_MIN: Final = 0.05
 
 
 def slide(
@@ -46,7 +46,7 @@ def slide(
             v_free = -friction if wheel > 0.0 else friction
         pull = (v_free - loss * wheel) / tau
         across = v * v * bend / (1.0 + understeer * v * v)
-        fastest = max(abs(v), abs(wheel), SLOW)
+        fastest = max(abs(v), abs(wheel), SLIP_SPEED_MIN)
         slope = GRAVITY * stiffness / fastest
         grown = tanh(slope * spin / hold)
         along = hold * grown

@@ -22,7 +22,7 @@ SLOPE: Final = 2.0**0.5
 # m: larger clearances need not be exact
 PLENTY: Final = 0.1
 # longest step beside a wall, cells
-STEP: Final = 0.5
+WALL_STEP: Final = 0.5
 
 
 class Walls:
@@ -90,7 +90,7 @@ class Walls:
             (x + ax - bx, y + ay - by, -s, c, body.width),
         )
         least = min(self.distance(px, py) for px, py, *_ in sides)
-        step = STEP * self.grid.resolution
+        step = WALL_STEP * self.grid.resolution
         for px, py, ux, uy, length in sides:
             along, here = 0.0, self.distance(px, py)
             while (along := along + max(step, (here - least) / SLOPE)) < length:

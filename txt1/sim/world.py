@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 ROAM: Final = 0.25
 
 # m by which two vehicles may approach in 20 ms: that is 7.5 m/s each
-STEP: Final = 0.3
+APPROACH_MAX: Final = 0.3
 
 # vehicles whose circles were nearer than this, m, at their last look, watch each other; 3 for twice a diagonal
-NEAR: Final = 3.0 * ROAM + STEP
+NEAR: Final = 3.0 * ROAM + APPROACH_MAX
 
 NOWHERE: Final = (inf, -inf, inf, -inf)
 
@@ -163,7 +163,7 @@ class World:
         after = self._blocked(here, after, until)
         for there in here.others:
             x, y = there.vehicle.pose[:2]
-            if hypot(after[0] - x, after[1] - y) < here.reach + there.reach + STEP:
+            if hypot(after[0] - x, after[1] - y) < here.reach + there.reach + APPROACH_MAX:
                 after = self._collide(here, there, after, until)
         return after
 
@@ -209,7 +209,7 @@ class World:
         here = self._of[vehicle]
         here.x, here.y = (vehicle.motion if motion is None else motion)[:2]
         here.obstacles = [
-            each for each in self.obstacles if distance(each, here.x, here.y) < here.reach + 1.5 * ROAM + STEP
+            each for each in self.obstacles if distance(each, here.x, here.y) < here.reach + 1.5 * ROAM + APPROACH_MAX
         ]
         if self.obstacles or len(self._all) > 1 or self.room.walls is not None:
             here.roam = ROAM

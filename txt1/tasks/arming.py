@@ -8,7 +8,7 @@ from txt1.tasks.standstill import Watch
 from txt1.tasks.state import State
 
 # s of the run: the mode task judges the link once a second, so it knows no link before
-FIRST: Final = 1.0
+LINK_JUDGED_AFTER: Final = 1.0
 
 
 def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held: bool, now: float) -> str | None:
@@ -23,8 +23,8 @@ def reason_not_to_arm(state: State, hal: Hal, io: Hal, watch: Watch | None, held
         return f"no link to the board yet: {board.text}"
     if not state.link.alive:
         return (
-            f"try again in a second: the link is checked after {FIRST:g} s"
-            if now <= FIRST
+            f"try again in a second: the link is checked after {LINK_JUDGED_AFTER:g} s"
+            if now <= LINK_JUDGED_AFTER
             else "look at the program that drives it: it was silent for a second"
         )
     if held:

@@ -93,7 +93,7 @@ RECKONED: Final = Source.RECKONED
 
 
 # s of commands without effect after which the robot tells why it cannot move
-UNMOVED: Final = 0.5
+UNMOVED_TIME: Final = 0.5
 
 
 def reason_not_to_move(state: State, can: Capabilities) -> str | None:
@@ -215,7 +215,7 @@ class Cycle:
         return new(Control, (outputs, v, omega, self.source, angular))
 
     def explain(self, now: float) -> None:
-        """Tell once why commands are in vain, when they have been for UNMOVED."""
+        """Tell once why commands are in vain, when they have been for UNMOVED_TIME."""
         state, given = self._state, self._given
         in_vain = self._passes and (state.power.esc is False or not state.gains.loaded)
         if not in_vain or not isinstance(given, Command) or not (given.v or given.omega):
@@ -224,7 +224,7 @@ class Cycle:
             return
         self.asked_since = min(self.asked_since, now)
         if (
-            now - self.asked_since >= UNMOVED
+            now - self.asked_since >= UNMOVED_TIME
             and not self._told
             and (reason := reason_not_to_move(state, self.can)) is not None
         ):

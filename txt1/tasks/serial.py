@@ -29,7 +29,7 @@ from txt1.tasks.state import State
 from txt1.units import new
 
 # s; older odometry is too old to be combined
-SEEN: Final = 0.3
+ODOMETRY_AGE_MAX: Final = 0.3
 # messages that may wait for the task; when more come, the oldest are lost
 INBOX_MAX: Final = 1000
 Inbox = deque[tuple[Message, float, int]]
@@ -80,7 +80,7 @@ async def serial(
                 case CombinedOdometry():
                     if gate.admit_finite(message.v, message.omega):
                         # older odometry is from before a loss of the line
-                        seen = now - state.odometry_time <= SEEN
+                        seen = now - state.odometry_time <= ODOMETRY_AGE_MAX
                         if hal.capabilities.combined and seen and not stands(state):
                             hal.offer_odometry(message, now)
                         state.combined_count += 1

@@ -13,7 +13,7 @@ from typing import Final
 from txt1.control.limits import Fault, Gate
 from txt1.control.obedience import Obedience
 from txt1.control.sight import time_unseen
-from txt1.control.standstill import DELAY, STANDS, STILL, UNOBEYED, Standstill, Stop
+from txt1.control.standstill import DELAY, STANDS_AFTER, STILL_SPEED, UNOBEYED, Standstill, Stop
 from txt1.errors import HalError
 from txt1.hal.base import Capabilities, Hal, Outputs
 from txt1.kernel.ticks import Ticks
@@ -26,17 +26,17 @@ from txt1.telemetry.topics import Rule, Topic, declare
 
 STANDSTILL_PERIOD: Final = 0.05
 # s of age from which a speed counts as unknown
-SEEN: Final = 0.3
+SPEED_AGE_MAX: Final = 0.3
 # s after which a PWM test of zeros is repeated, because lines lose frames
-AGAIN: Final = 0.1
+HALT_AGAIN: Final = 0.1
 # m/s that have to be commanded ...
-SLOWEST: Final = 0.1
+COMMAND_MIN: Final = 0.1
 # ... while less than this is measured: original boards read 0 below 0.045 m/s
-UNMOVED: Final = 0.03
+UNMOVED_SPEED: Final = 0.03
 # m that it may go meanwhile if its encoders are dead
 UNMOVED_WAY: Final = 0.3
 # s of zeros that a board gets that did not obey for a moment: it judges its link once a second
-HELD: Final = 1.2
+ZEROS_HELD: Final = 1.2
 # s after which a board's loops have certainly lost their wound-up integral
 FULL: Final = 3.4
 # s that the end of a run waits at most
@@ -110,12 +110,12 @@ class Watch:
         if stop is not before:
             self._enter(stop, before, now, blind=v is None)
         if stop in (*UNOBEYED, Stop.UNASKED) and now >= self._halt_due - 1e-9:
-            self._halt_due = now + AGAIN
+            self._halt_due = now + HALT_AGAIN
             self.hal.halt(self.gate.neutral(state.servos), now)
         self._check_obedience(now, v, outputs)
         self._check_slowing(now, v, outputs.v)
         full = now < self._full_until and not self.gate.armed and self.hal.capabilities.power
-        if full and wheel is not None and wheel > STILL:
+        if full and wheel is not None and wheel > STILL_SPEED:
             # the ESC was switched on too soon: full loops would drive the car whatever the commands are
             self._full_until = 0.0
             state.tell(now, "the ESC came back before the board's loops were cleared: it is switched off")
@@ -150,8 +150,8 @@ class Watch:
         state = self.state
         board = state.board
         ready = self.gate.armed and state.gains.loaded and board is not None and board.ready and board.gains
-        asked = outputs.v if ready and abs(outputs.v) >= SLOWEST - 1e-9 else 0.0
-        unmoved = v is not None and abs(v) < UNMOVED
+        asked = outputs.v if ready and abs(outputs.v) >= COMMAND_MIN - 1e-9 else 0.0
+        unmoved = v is not None and abs(v) < UNMOVED_SPEED
         begins = asked * self._asked <= 0.0
         if begins or not unmoved or self.gate.epoch != self._epoch:
             self._unmoved_since, self._epoch = now, self.gate.epoch
@@ -176,7 +176,7 @@ class Watch:
         elif not gate.sight.unseen and self._obedience.fails(now, v, asked):
             self._obedience.clear()
             if board is None or board.ready:
-                gate.held, self._held_until = True, now + HELD
+                gate.held, self._held_until = True, now + ZEROS_HELD
                 self.state.tell(now, "the car slows down under a constant command: zeros until its board has settled")
 
     @property
@@ -211,14 +211,14 @@ class Watch:
 
 def sees(state: State, now: float) -> bool:
     """Return whether the robot's speed is known: odometry is recent, from encoders with power (the ATX supply's)."""
-    return state.power.atx is not False and state.odometry_time > 0.0 and now - state.odometry_time <= SEEN
+    return state.power.atx is not False and state.odometry_time > 0.0 and now - state.odometry_time <= SPEED_AGE_MAX
 
 
 def stands(state: State, watch: Watch | None, now: float) -> bool:
     """Return whether the robot was seen to stand, and still stands; without a watch the encoders decide."""
     if watch is not None:
         return watch.standstill.stands(now)
-    return sees(state, now) and state.odometry_time - state.moved_time >= STANDS - 1e-9
+    return sees(state, now) and state.odometry_time - state.moved_time >= STANDS_AFTER - 1e-9
 
 
 def reason_not_to_switch(

@@ -6,7 +6,7 @@ again.
 
 Processes are spawned and ignore signals: a Ctrl-C goes to all of a terminal's processes, and only their parent acts on
 it. The parent then sets an event. A trial that checks it (`stopped`) ends by itself; any other trial is killed after
-`GRACE`. A process whose parent is gone ends at once.
+`END_TIME`. A process whose parent is gone ends at once.
 """
 
 import argparse
@@ -30,11 +30,11 @@ from txt1.kernel.processors import processors
 from txt1.trials.provenance import code_hash
 
 # number of times that a pool is made again because a process of it was killed
-AGAIN: Final = 5
+POOLS_MADE_AGAIN: Final = 5
 # s of real time between two checks whether it has to end
 POLL: Final = 0.1
 # s that trials have to notice the end; others are killed, and their results are lost
-GRACE: Final = 1.0
+END_TIME: Final = 1.0
 LOOPBACK: Final = ("127.0.0.1", "localhost", "[::1]")
 OPTIONS: Final = {
     "--jobs": takes("N", "number of processes; in simulation one for each processor by default", count),
@@ -102,7 +102,7 @@ _stop: Any = None
 def on_processes(work: Work, trials: Mapping[K, str], jobs: int, ended: Ended) -> Iterator[tuple[K, Any]]:
     """Yield as `Workers.each`; the arguments of the trials are text."""
     left = dict(trials)
-    for _ in range(AGAIN):
+    for _ in range(POOLS_MADE_AGAIN):
         with suppress(BrokenProcessPool):
             yield from _pooled(work, left, jobs, ended)
             return
@@ -127,7 +127,7 @@ def _pooled(work: Work, left: dict[K, str], jobs: int, ended: Ended) -> Iterator
         raise
     finally:
         stop.set()
-        stuck = ended() and wait([each for each in futures if each.running()], GRACE).not_done
+        stuck = ended() and wait([each for each in futures if each.running()], END_TIME).not_done
         if stuck:
             _kill()
         pool.shutdown(wait=True, cancel_futures=not stuck)

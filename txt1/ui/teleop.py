@@ -6,8 +6,8 @@ hold of w or s; otherwise a curve could not be driven.
 
 Repeats are made by the computer, also when a key's release was lost, so they prove no hand (`txt1.control.holding`). A
 press is fresh if it is of another key than the press before, or comes after KEY_HELD seconds without one; any other
-press counts as a repeat. Repeats count for LASTS - KEY_HELD seconds after the last fresh press. So a key that nobody
-holds moves the robot for LASTS seconds and the decay, and then only a fresh press moves it.
+press counts as a repeat. Repeats count for HOLD_LASTS - KEY_HELD seconds after the last fresh press. So a key that
+nobody holds moves the robot for HOLD_LASTS seconds and the decay, and then only a fresh press moves it.
 
 ``a`` turns the steering wheel left, as in a car. Forwards the robot turns left (omega > 0). In reverse the front wheels
 point left, too, and the yaw rate is negative.
@@ -18,7 +18,7 @@ from math import inf
 from typing import Final
 
 from txt1.control.hand import DEFAULT_HAND, Hand
-from txt1.control.holding import LASTS, Hold
+from txt1.control.holding import HOLD_LASTS, Hold
 from txt1.errors import CommandRefused
 
 # s that a key counts as held after its last press
@@ -47,7 +47,7 @@ class Teleop:
         self._pressed, self._last = -inf, ""
         # the last call of `command`
         self._listened = -inf
-        self._hold = Hold(LASTS - KEY_HELD)
+        self._hold = Hold(HOLD_LASTS - KEY_HELD)
         # whether a repeat came after the end of the hold
         self._refused = False
         self.release()
@@ -103,7 +103,7 @@ class Teleop:
         self._active = bool(drive or steer)
         if self._refused and not self._active:
             raise CommandRefused(
-                f"'{self._last}' repeats for {LASTS:g} s, as if its release was lost: let go and press again, "
+                f"'{self._last}' repeats for {HOLD_LASTS:g} s, as if its release was lost: let go and press again, "
                 "or press another key"
             )
         return self.hand.velocity(self.speed, drive, self.hand.turn * steer, wheel=True)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from txt1.config import Config, load
 from txt1.config.sources import recorded, with_values
-from txt1.control.gains import MARGIN, GainLimits, gain_limits
+from txt1.control.gains import WEAKER_FACTOR, GainLimits, gain_limits
 from txt1.control.pid import CLEAR, Gains, pid
 from txt1.control.schedule import ANGULAR_GAINS, LINEAR_GAINS, GainSet
 from txt1.errors import ConfigError
@@ -124,7 +124,7 @@ def test_the_thesis_gains_pass_on_any_vehicle(
 def test_a_loop_swings_beyond_the_bound_and_not_within(name: str, share: float, swings: bool) -> None:
     # without the margin, on the vehicle that the equations are about
     period, lag, k = 0.02, 2.718281828459045 ** (-0.02 / 0.3), 0.33
-    gains = Gains(**{name: share / MARGIN * getattr(txt1().linear, name)})
+    gains = Gains(**{name: share / WEAKER_FACTOR * getattr(txt1().linear, name)})
     past, y, ys = CLEAR, 0.0, []
     for _ in range(2000):
         past = pid(past, (1.0 if len(ys) < 5 else 0.0) - y, gains, period, 1e6)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from txt1.control.obedience import FAILS, LASTS, Obedience
+from txt1.control.obedience import FAILS, FAILS_FOR, Obedience
 from txt1.control.standstill import envelope
 
 PERIOD = 0.05
@@ -24,7 +24,7 @@ def test_a_car_that_coasts_under_a_constant_command_fails_it(c: float) -> None:
     sign = 1.0 if c > 0.0 else -1.0
     when = first_failure(lambda t: sign * envelope(abs(c), t - 1.0), lambda t: c)
     below = next(0.01 * k for k in range(600) if envelope(abs(c), 0.01 * k - 1.0) < FAILS * abs(c))
-    assert when == pytest.approx(below + LASTS, abs=2 * PERIOD)
+    assert when == pytest.approx(below + FAILS_FOR, abs=2 * PERIOD)
 
 
 @pytest.mark.parametrize(

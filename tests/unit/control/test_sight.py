@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.control.sight import FALL, GAIN, KEEPS, SLOWEST, WAY, WheelSight, outer_wheel, time_unseen
+from txt1.control.sight import FALL, GAIN, SLOWED_SHARE, SLOWEST, UNSEEN_WAY, WheelSight, outer_wheel, time_unseen
 
 PERIOD = 0.05
 
@@ -51,13 +51,13 @@ def test_a_slow_car_is_lost_when_it_may_have_gone_ten_centimetres_unseen(v: floa
     assert "doubted" not in seen
     unseen = PERIOD * (seen.index("lost") - 1)
     ways = [abs(v) * (t + t * (t + PERIOD) / (2.0 * GAIN)) for t in (unseen - PERIOD, unseen)]
-    assert ways[0] < WAY + 1e-9 and ways[1] > WAY - 1e-9, "not earlier, and not a reading later"
+    assert ways[0] < UNSEEN_WAY + 1e-9 and ways[1] > UNSEEN_WAY - 1e-9, "not earlier, and not a reading later"
 
 
 def test_a_car_that_had_slowed_down_already_may_have_come_to_rest() -> None:
     falling = [0.5, 0.4, 0.3, 0.2, 0.1, *[0.0] * 20]
     assert set(after(falling, 0.5)) == {"seen"}
-    assert "lost" in after([0.5, 0.4, KEEPS * 0.5 + 0.01, *[0.0] * 20], 0.5)
+    assert "lost" in after([0.5, 0.4, SLOWED_SHARE * 0.5 + 0.01, *[0.0] * 20], 0.5)
 
 
 def test_a_car_at_rest_and_one_that_turns_round_are_not_judged() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from txt1.control.standstill import DELAY, GRACE, MARGIN, Standstill, Stop, coasting_time, envelope
+from txt1.control.standstill import DELAY, ENVELOPE_MARGIN, MEASURE_TIME, Standstill, Stop, coasting_time, envelope
 
 PERIOD = 0.05
 
@@ -69,7 +69,7 @@ def test_even_a_slow_vehicle_that_never_stands_is_no_stop() -> None:
 
 
 def test_one_that_a_pwm_test_stops_keeps_its_esc() -> None:
-    seen = stops_of(lambda t: 0.6 if t < GRACE else coasting(0.6, t - GRACE), driven=0.6)
+    seen = stops_of(lambda t: 0.6 if t < MEASURE_TIME else coasting(0.6, t - MEASURE_TIME), driven=0.6)
     assert kinds(seen) == [Stop.SLOWING, Stop.PWM_ZEROS, Stop.STANDING]
 
 
@@ -219,7 +219,7 @@ def test_the_envelope_decays_to_zero_in_its_time(v0: float) -> None:
     assert all(later <= earlier for earlier, later in pairwise(speeds))
     assert envelope(v0, coasting_time(v0) + 1e-6) == 0.0
     assert envelope(v0, 0.0) == pytest.approx(v0)
-    assert MARGIN > 0.0
+    assert ENVELOPE_MARGIN > 0.0
 
 
 @given(jump=st.floats(2.0, 1e6), v=st.floats(0.12, 1.6))

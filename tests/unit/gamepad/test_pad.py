@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.examples import examples
 from txt1.config import load
 from txt1.control.hand import DEAD, DEFAULT_HAND
-from txt1.control.holding import LASTS
+from txt1.control.holding import HOLD_LASTS
 from txt1.errors import ConfigError
 from txt1.gamepad.pad import APPEARS, ARMS, AXES, BUTTONS, PadParameters, Pads, PadState, Wish, mapping_of, velocity
 
@@ -133,7 +133,7 @@ def test_of_several_pads_the_one_pressed_last_drives_until_any_is_released(
         fresh = [n for n, d in is_down.items() if d and down.get(n) is False and now - since[n] >= APPEARS]
         if fresh:
             driver, signed = fresh[-1], now
-        if driver is not None and now - signed > LASTS:
+        if driver is not None and now - signed > HOLD_LASTS:
             driver = None
         assert pads.driver == driver
         if wish.velocity is not None:
@@ -175,7 +175,7 @@ def test_a_dead_man_that_was_down_from_the_first_does_not_count(first: PadState)
     assert pads.take({1: (HELD, 2.2)}, 2.2).velocity == (1.5, 0.0)
 
 
-@pytest.mark.parametrize("silence", [0.2, LASTS])
+@pytest.mark.parametrize("silence", [0.2, HOLD_LASTS])
 def test_a_pad_that_reports_nothing_new_lets_go_and_needs_a_fresh_press(silence: float) -> None:
     pads = pads_at_rest(1, parameters=replace(ORIGINAL, silence=silence))
     assert pads.take({1: (HELD, 1.1)}, 1.1).velocity == (1.5, 0.0)

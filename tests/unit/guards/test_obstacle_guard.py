@@ -16,7 +16,7 @@ from txt1.control.limits import Fault, Gate
 from txt1.control.parameters import Limits
 from txt1.errors import ConfigError
 from txt1.guards.obstacle_stop.free_distance import free_distance, stopping_speed
-from txt1.guards.obstacle_stop.guard import SLOW, LaserGuard, prepare
+from txt1.guards.obstacle_stop.guard import CURVATURE_SPEED_MIN, LaserGuard, prepare
 from txt1.guards.obstacle_stop.settings import ObstacleStop
 from txt1.model.odometry import Odometry
 from txt1.sensors.base import Reading
@@ -187,7 +187,7 @@ def test_a_measured_curvature_counts_up_to_the_tightest_and_above_a_crawl() -> N
         # sliding, the odometry says more than the steering can
         (0.1, 5.0, on_the_arc),
         (0.1, -5.0, 2.0),
-        (SLOW, 5.0 * SLOW, 2.0),
+        (CURVATURE_SPEED_MIN, 5.0 * CURVATURE_SPEED_MIN, 2.0),
         (0.01, 0.01 * tightest, 2.0),
         (0.1, nan, 2.0),
     ):

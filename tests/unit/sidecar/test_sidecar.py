@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.patience import LIMIT, S, until
-from txt1.sidecar import HELD, MESSAGES, START_WORK, TELEMETRY_PERIOD, Request, Restart, Sidecar, stop_in
+from txt1.sidecar import MESSAGES, READ_PAUSE, START_WORK, TELEMETRY_PERIOD, Request, Restart, Sidecar, stop_in
 
 
 @pytest.fixture(autouse=True)
@@ -147,7 +147,7 @@ async def test_one_that_starts_slowly_is_not_ended(
     work: Callable[[float], list[float]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("txt1.sidecar.START", 0.5)
-    monkeypatch.setattr("txt1.sidecar.SLOW", 0.0)
+    monkeypatch.setattr("txt1.sidecar.START_SLOW", 0.0)
     used, owner = work(START_WORK), Owner()
     forever = Restart(limit=math.inf, pause=0.01)
     async with owner.beside("late", restart=forever, silence=0.0) as beside:
@@ -272,7 +272,7 @@ async def test_a_prompt_one_is_read_as_it_writes_but_not_just_before_a_tick(monk
         serving = asyncio.ensure_future(beside.serve(ticks))  # type: ignore[arg-type]
         ticks.times.put_nowait(0.0)
         await until(lambda: len(owner.requests) > 2)
-        ticks.times.put_nowait(period - 0.5 * HELD)
+        ticks.times.put_nowait(period - 0.5 * READ_PAUSE)
         await until(ticks.times.empty)
         await asyncio.sleep(0.1 * S)
         read = len(owner.requests)

@@ -15,7 +15,7 @@ import pytest
 from tests.patience import LIMIT, wait_until
 from txt1.errors import ConfigError
 from txt1.trials.run import Rows, run
-from txt1.trials.workers import GRACE, Cluster, Workers
+from txt1.trials.workers import END_TIME, Cluster, Workers
 
 ONE = Workers(1)
 
@@ -97,7 +97,7 @@ def test_ctrl_c_to_all_its_processes_ends_it_within_the_grace(tmp_path: Path) ->
         finally:
             runner.kill()
     assert runner.returncode == 128 + signal.SIGINT and not said
-    assert GRACE <= 1.0, "s until one that does not look is killed: all of it within 2 s"
+    assert END_TIME <= 1.0, "s until one that does not look is killed: all of it within 2 s"
 
 
 SIGNALLED = """

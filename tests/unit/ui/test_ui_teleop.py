@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.examples import examples
 from txt1.config.schema import TeleopConfig
 from txt1.control.hand import DEFAULT_HAND
-from txt1.control.holding import LASTS
+from txt1.control.holding import HOLD_LASTS
 from txt1.errors import CommandRefused
 from txt1.ui.teleop import DECAY, KEY_HELD, Teleop
 
@@ -44,11 +44,11 @@ def test_repeats_keep_it_going_for_three_seconds_and_its_decay() -> None:
             assert "let go and press again" in str(refusal)
             stood = now
             continue
-        if now < LASTS - 0.06:
+        if now < HOLD_LASTS - 0.06:
             assert command == (0.5, 0.0)
         if stood:
             assert command is None, "repeats do not revive it"
-    assert stood == pytest.approx(LASTS + DECAY, abs=0.11)
+    assert stood == pytest.approx(HOLD_LASTS + DECAY, abs=0.11)
     teleop.key("w", 12.0)
     assert teleop.command(12.0) is None, "nobody listened meanwhile: the computer stood still"
     teleop.command(12.1 + KEY_HELD)

@@ -20,7 +20,7 @@ from txt1.tasks.on_map import MapInUse
 if TYPE_CHECKING:
     from txt1.runtime import Runtime
 
-GAP: Final = 0.03
+BORDER_SPACING: Final = 0.03
 """m between the points of a border."""
 OVERRUN: Final = 0.02
 """m by which the body counts as longer at both ends: that much farther it may roll."""
@@ -58,7 +58,7 @@ class AreaGuard:
         if v == 0.0 or not areas or pose is None or pose.lost:
             return inf
         if areas is not self._areas:
-            self._areas, self._borders = areas, tuple((area, border(area, GAP)) for area in areas)
+            self._areas, self._borders = areas, tuple((area, border(area, BORDER_SPACING)) for area in areas)
         outside = [points for area, points in self._borders if not inside(area, pose.x, pose.y)]
         if not outside:
             return inf

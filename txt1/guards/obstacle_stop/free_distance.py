@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # curvature that counts as none, 1/m
-STRAIGHT: Final = 1e-4
+NO_CURVATURE: Final = 1e-4
 TURN: Final = 2.0 * pi
 
 Floats = NDArray[np.float64]
@@ -46,7 +46,7 @@ def _along(points: Floats, curvature: float, back: float, front: float, side: fl
         return inf
     if bool(((x > back) & (x < front) & (np.abs(y) < side)).any()):
         return 0.0
-    if abs(curvature) < STRAIGHT:
+    if abs(curvature) < NO_CURVATURE:
         ahead = x[(np.abs(y) < side) & (x >= front)]
         return float(ahead.min()) - front if len(ahead) else inf
     radius = 1.0 / curvature

@@ -20,9 +20,9 @@ from txt1.sensors.readings import Scan
 from txt1.tasks.state import State
 
 # past poses, one a cycle, for 1 s; and past scans at most
-MEMORY: Final = 50
+PAST_POSES: Final = 50
 # m/s below which a measured curvature means nothing
-SLOW: Final = 0.05
+CURVATURE_SPEED_MIN: Final = 0.05
 # s at least between two scans that show a speed: closer ones show the noise of ranges; most lasers turn in 0.1 s
 APART: Final = 0.08
 SILENT: Final = "the laser is silent"
@@ -51,9 +51,9 @@ class LaserGuard:
     ) -> None:
         self._scan, self._state, self._gate = scan, state, gate
         self._geometry, self._parameters = geometry, parameters
-        self._past: deque[tuple[float, Pose]] = deque(maxlen=MEMORY)
+        self._past: deque[tuple[float, Pose]] = deque(maxlen=PAST_POSES)
         self._slowed = False
-        self._scans: deque[_Seen] = deque(maxlen=MEMORY)
+        self._scans: deque[_Seen] = deque(maxlen=PAST_POSES)
 
     def __call__(self, v: float, omega: float, now: float) -> tuple[float, float]:
         """Return the set-point with its speed lowered, on the same arc."""
@@ -121,7 +121,7 @@ class LaserGuard:
         curvatures = [commanded]
         gear = copysign(1.0, v)
         # turning the wheels takes a while
-        if gear * odometry.v > SLOW and isfinite(odometry.omega):
+        if gear * odometry.v > CURVATURE_SPEED_MIN and isfinite(odometry.omega):
             driven, most = odometry.omega / odometry.v, 1.0 / body.radius_min
             curvatures.append(min(max(driven, -most), most))
         newest = self._noted(reading)

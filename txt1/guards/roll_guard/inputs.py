@@ -13,7 +13,7 @@ from txt1.sensors.readings import ImuReading
 from txt1.tasks.state import State
 
 # s, the age up to which a reading is used
-FRESH: Final = 0.2
+INPUT_AGE_MAX: Final = 0.2
 # weight of a new reading from a device without attitude, as its accelerometer shakes
 SMOOTH: Final = 0.1
 
@@ -41,7 +41,7 @@ def watching(
         nonlocal roll
         reading = last()
         sideways = state.odometry.v * state.odometry.omega
-        if reading is None or now - reading.time > FRESH:
+        if reading is None or now - reading.time > INPUT_AGE_MAX:
             return None, sideways
         told = roll_of(reading.value)
         roll = told if reading.value.orientation is not None else roll + SMOOTH * (told - roll)

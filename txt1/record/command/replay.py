@@ -41,12 +41,16 @@ def main(arguments: argparse.Namespace) -> int:
 
         run(play(Snapshots(arguments.file, arguments.robot), arguments.speed, arguments.start, arguments.loop))
         return OK
-    from txt1.record.comparison import CLOSE
+    from txt1.record.comparison import NUMBERS_CLOSE
     from txt1.record.verification import verify
 
     with busy(f"running {arguments.file} again"):
         verdict = verify(arguments.file, arguments.robot)
-    within = "" if verdict.exact else f", numbers compared within {CLOSE:g}: recorded with another processor or library"
+    within = (
+        ""
+        if verdict.exact
+        else f", numbers compared within {NUMBERS_CLOSE:g}: recorded with another processor or library"
+    )
     left = sum(verdict.uncompared.values())
     same = f"no difference in {verdict.compared} of {verdict.compared + left} messages"
     print(f"{arguments.file}: {verdict.difference or same}{within}")

@@ -51,7 +51,7 @@ PLACE: Final = "geometry_msgs/msg/PoseWithCovarianceStamped"
 OUTLINES: Final = "visualization_msgs/msg/MarkerArray"
 # per cent: no floor to drive on
 OCCUPIED_FROM: Final = 50
-WAY: Final = 0.05  # m
+WAY_STEP: Final = 0.05  # m
 # m between two points of an outline
 DOTS: Final = 0.03
 SCRIPT: Final = Path(__file__).with_name("rerun_script.py")
@@ -86,7 +86,7 @@ def particles(poses: Any) -> dict[str, Any]:
 
 
 class _Way:
-    """The way so far, as points, each time that it has grown by `WAY` and by a fiftieth."""
+    """The way so far, as points, each time that it has grown by `WAY_STEP` and by a fiftieth."""
 
     def __init__(self) -> None:
         self._places: list[tuple[float, float]] = []
@@ -95,7 +95,7 @@ class _Way:
     def points(self, message: Any) -> dict[str, Any] | None:
         """Return the way with another pose, a PoseWithCovarianceStamped or Odometry; None where it has not grown."""
         place = message.pose.pose.position
-        if self._places and hypot(place.x - self._places[-1][0], place.y - self._places[-1][1]) < WAY:
+        if self._places and hypot(place.x - self._places[-1][0], place.y - self._places[-1][1]) < WAY_STEP:
             return None
         self._places.append((place.x, place.y))
         if len(self._places) <= self._due:
