@@ -108,7 +108,7 @@ from tests.unit.trials import test_run
 from txt1.trials import workers
 signal.signal(signal.SIGALRM, lambda *_: None)
 signal.setitimer(signal.ITIMER_REAL, 0.0007, 0.0007)
-workers.POLL, workers.GRACE, asked = 0.001, 0.1, count()
+workers.POLL, workers.END_TIME, asked = 0.001, 0.1, count()
 assert not list(workers.Workers(1).each(test_run.hours, {1: sys.argv[1]}, lambda: next(asked) > 500))
 signal.setitimer(signal.ITIMER_REAL, 0)
 """
