@@ -227,7 +227,9 @@ class Graph:
                 ),
                 shape=(size, size),
             )
-            step = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(-gradient)
+            # it is positive definite: without pivots the order that keeps the factors sparse stays
+            factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+            step = factors.solve(-gradient)
             self.poses[:] += step.reshape(-1, 3)
             self.poses[:, 2] = wrapped(self.poses[:, 2])
             if bend == BENT and np.abs(step).max() < STILL:
