@@ -50,6 +50,10 @@ MAPPED: Final = 2.0
 """s until what it sees is on the map."""
 OFTEN: Final = 3
 """Number of times that it drives to the same frontier, which may come again as the map changes."""
+PASSES: Final = 20.0
+"""s that it waits where no way leads to a frontier, as somebody may stand in it,"""
+LOOKS: Final = 4.0
+"""s between its looks."""
 AWAITS: Final = 30.0
 """s that it waits for a pose."""
 BACK: Final = (0.0, 0.1, 0.2, 0.3, 0.5)
@@ -112,7 +116,7 @@ class Explorer:
         try:
             await self._until(lambda: self._floor.mapped() is not None and self._read() is not None, "no scan comes")
             start = self._pose.pose()
-            while (view := await self._next()) is not None:
+            while (view := await self._soon()) is not None:
                 await self._look(view)
             left, beyond = await self._left()
             if beyond and not self._tries:
@@ -126,6 +130,17 @@ class Explorer:
         told = f"explored {self._area()} in {robot.now - began:.0f} s: {rest_of_it}"
         robot.tell(told)
         say(told)
+
+    async def _soon(self) -> View | None:
+        """Return the next view, for which it waits where no way leads to a frontier; None: there is none."""
+        ends = self._robot.now + PASSES
+        while (view := await self._next()) is None and self._robot.now < ends:
+            room = self._floor.floor()
+            assert room is not None and room.walls is not None
+            if not any(self._may_try(each) for each in frontiers(room.walls.grid)):
+                break
+            await asyncio.sleep(LOOKS)
+        return view
 
     async def _next(self) -> View | None:
         """Return the cheapest view of a frontier that may be tried; None: there is none."""

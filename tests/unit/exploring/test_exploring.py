@@ -194,6 +194,14 @@ def test_a_frontier_with_one_place_to_look_from_is_tried_again_after_somebody_le
     assert stood
 
 
+def test_exploring_goes_on_after_somebody_left_the_only_way(tmp_path, monkeypatch):
+    view, looks = explorer.best_view, iter(range(8))
+    # somebody stands there at the first eight looks
+    monkeypatch.setattr(explorer, "best_view", lambda *given: None if next(looks, None) is not None else view(*given))
+    name = tmp_path / "room"
+    assert execute([*arguments(LASER, OBSTACLE), "--duration", "300", "--explore", "-o", str(name)]) == 0
+
+
 def test_a_frontier_that_is_gone_was_not_looked_at_in_vain(tmp_path, capsys, monkeypatch):
     # the border has moved on, before most of what was behind it is known
     monkeypatch.setattr(Frontier, "gone", lambda *_: True)
