@@ -21,7 +21,7 @@ from txt1.mapping.topics import MapNews, sheet_of
 from txt1.maps.files import read
 from txt1.model.reeds_shepp import Pose, Segment
 from txt1.navigation import follow, go_to, goto, map_pose, plan, ways
-from txt1.navigation.goto import STANDS, Blocked, Halted
+from txt1.navigation.goto import STUCK_AFTER, Blocked, Halted
 from txt1.navigation.plan import NoPath, stretches
 from txt1.robot import Robot
 from txt1.ros.robot_end import Ros2RobotEnd
@@ -263,7 +263,7 @@ async def test_a_robot_waits_for_somebody_who_leaves_it_no_way_and_goes_on(flat:
 
     there._sensor = Laser(flat, somebody)  # type: ignore[assignment] # noqa: SLF001
     arrival = await go_to(flat, (x + 2.6, y, theta), pose_source=map_pose(flat), room=room)
-    assert arrival.arrived and flat.now > came[0] + STANDS
+    assert arrival.arrived and flat.now > came[0] + STUCK_AFTER
 
 
 async def test_a_stop_ends_the_wait_for_somebody_who_leaves_no_way(

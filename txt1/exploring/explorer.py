@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 from txt1.commands import say
 from txt1.driver import REFRESH
 from txt1.errors import A_STOP, CommandRefused, NotArmed, Overruled, Txt1Error
-from txt1.exploring.frontiers import SAME, Frontier, Places, View, best_view, frontiers
+from txt1.exploring.frontiers import SAME_PLACE, Frontier, Places, View, best_view, frontiers
 from txt1.exploring.growing_floor import GrowingFloor
 from txt1.guards.obstacle_stop.guard import LaserGuard
 from txt1.mapping.map_sensors import NEWS, OnMap
@@ -38,9 +38,9 @@ from txt1.telemetry.topics import Rule, Topic, declare
 
 SOURCE: Final = "explore"
 """The name of the source of commands."""
-SPEED: Final = 0.4
+EXPLORING_SPEED: Final = 0.4
 """m/s."""
-LOOK: Final = 0.2
+FRONTIER_CHECK_PERIOD: Final = 0.2
 """s between two looks whether the frontier is gone."""
 THERE: Final = 0.15
 """m from its pose, and"""
@@ -174,7 +174,7 @@ class Explorer:
 
     def _before(self, frontier: Frontier) -> list[Try]:
         x, y = frontier.middle
-        return [each for each in self._tries if hypot(each.place[0] - x, each.place[1] - y) < SAME]
+        return [each for each in self._tries if hypot(each.place[0] - x, each.place[1] - y) < SAME_PLACE]
 
     def _vain(self, frontier: Frontier) -> Places:
         """Return the places from which it was tried in vain."""
@@ -220,7 +220,7 @@ class Explorer:
         why = await self._drive(view.pose, lambda: on(view.frontier.gone) or looks())
         ends = robot.now + MAPPED
         while not why and not seen() and robot.now < ends:
-            await asyncio.sleep(LOOK)
+            await asyncio.sleep(FRONTIER_CHECK_PERIOD)
         if not why and not seen():
             why = "the laser has looked there in vain"
         self._tries.append(Try(view.frontier.middle, view.pose[:2], why))
@@ -245,11 +245,13 @@ class Explorer:
                 while not robot.armed:
                     await asyncio.sleep(REFRESH)
             drive = asyncio.ensure_future(
-                go_to(robot, pose, pose_source=self._pose, room=self._floor.floor(), speed=SPEED, source=wheel)
+                go_to(
+                    robot, pose, pose_source=self._pose, room=self._floor.floor(), speed=EXPLORING_SPEED, source=wheel
+                )
             )
             try:
                 while not drive.done() and not over():
-                    await asyncio.wait([drive], timeout=LOOK)
+                    await asyncio.wait([drive], timeout=FRONTIER_CHECK_PERIOD)
                 if drive.done():
                     await drive
                 else:

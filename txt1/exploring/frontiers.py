@@ -26,7 +26,7 @@ from txt1.navigation.plan import MARGINS
 from txt1.navigation.search import reachable
 from txt1.sim.room import Room
 
-LEAST: Final = 0.3
+FRONTIER_MIN: Final = 0.3
 """m, length of the shortest frontier: shorter ones are gaps between rays."""
 SIGHT: Final = 2.0
 """m from a frontier from which the robot looks at it at most: farther away, rays are far apart."""
@@ -36,12 +36,12 @@ LARGE: Final = 0.3
 """m of way that a metre of frontier is worth,"""
 LARGEST: Final = 3.0
 """up to so many m of it."""
-CLOSE: Final = 1.2
+CLOSER_WORTH: Final = 1.2
 """m of way that a metre closer to the frontier is worth: it is seldom driven to its end."""
 SQUARE: Final = np.ones((3, 3))
-SAME: Final = 0.5
+SAME_PLACE: Final = 0.5
 """m within which two frontiers are the same, and two places to look from."""
-KNOWN: Final = 0.3
+KNOWN_SHARE: Final = 0.3
 """Share of its unknown cells below which the floor behind a frontier is known."""
 
 Places = tuple[tuple[float, float], ...]
@@ -63,12 +63,12 @@ class Frontier(NamedTuple):
 
     def known(self, grid: Grid) -> bool:
         """Return whether most of the unknown cells are known now."""
-        return float(np.mean(grid.cells.ravel()[places_on(grid, self.beyond)] == UNKNOWN)) < KNOWN
+        return float(np.mean(grid.cells.ravel()[places_on(grid, self.beyond)] == UNKNOWN)) < KNOWN_SHARE
 
     def gone(self, grid: Grid) -> bool:
         """Return whether no border is near its middle any more."""
         x, y = _middles(grid, border(grid))
-        return not (np.hypot(x - self.middle[0], y - self.middle[1]) < SAME).any()
+        return not (np.hypot(x - self.middle[0], y - self.middle[1]) < SAME_PLACE).any()
 
 
 class View(NamedTuple):
@@ -101,7 +101,7 @@ def frontiers(grid: Grid) -> list[Frontier]:
     for number in range(1, count + 1):
         x, y = _middles(grid, every == number)
         length = len(x) * grid.resolution
-        if length < LEAST:
+        if length < FRONTIER_MIN:
             continue
         nearest = int(np.argmin(np.hypot(x - x.mean(), y - y.mean())))
         beyond = _middles(grid, (grid.cells == UNKNOWN) & binary_dilation(every == number))
@@ -120,7 +120,7 @@ def best_view(every: list[Frontier], pose: Pose, room: Room, body: Geometry, kee
     for past in PAST:
         part = _best(every, pose, room, body, keep, inf, past)
         if part is not None:
-            return _best([part.frontier], pose, room, body, keep, SAME, past) or part
+            return _best([part.frontier], pose, room, body, keep, SAME_PLACE, past) or part
     return None
 
 
@@ -150,13 +150,13 @@ def _cheapest(frontier: Frontier, poses: Array, room: Room, within: float, past:
     ends = frontier.beyond[np.hypot(*(frontier.beyond - frontier.middle).T) <= within]
     if not len(ends):
         return None
-    most = 0.0 if within == inf else 1.0 - KNOWN
+    most = 0.0 if within == inf else 1.0 - KNOWN_SHARE
     dx, dy = (ends[None] - poses[:, None, :2]).transpose(2, 0, 1)
     angles, ranges = np.arctan2(dy, dx), np.hypot(dx, dy)
     looking = (ranges < SIGHT) & (np.abs((angles - poses[:, 2:3] + pi) % (2.0 * pi) - pi) < past)
     for x, y in frontier.vain:
-        looking[np.hypot(poses[:, 0] - x, poses[:, 1] - y) < SAME] = False
-    costs = poses[:, 3] + CLOSE * ranges.min(axis=1) - LARGE * min(frontier.length, LARGEST)
+        looking[np.hypot(poses[:, 0] - x, poses[:, 1] - y) < SAME_PLACE] = False
+    costs = poses[:, 3] + CLOSER_WORTH * ranges.min(axis=1) - LARGE * min(frontier.length, LARGEST)
     enough = np.flatnonzero(looking.mean(axis=1) > most)
     grid = room.walls.grid
     for k in enough[np.argsort(costs[enough], kind="stable")].tolist():

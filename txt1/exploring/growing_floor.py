@@ -24,7 +24,7 @@ from txt1.tasks.on_map import MapInUse, MapPose
 
 ROUND: Final = 0.3
 """m round the robot's body that the user leaves free where it begins."""
-ROWS: Final = 1 << 32
+COLUMN_CELLS: Final = 1 << 32
 """Cells are numbered column by column, with so many in a column."""
 
 
@@ -57,7 +57,7 @@ class GrowingFloor(MapInUse):
         self._about = about
         places = np.concatenate((below(pose, body, size), placed(laser, before(sweep.free, size))))
         column, row = np.floor(places.T / size).astype(np.int64)
-        self._free = np.union1d(self._free, column * ROWS + row)
+        self._free = np.union1d(self._free, column * COLUMN_CELLS + row)
 
     def pose(self) -> MapPose | None:
         """Return the robot's present pose; None while it is unknown."""
@@ -90,5 +90,5 @@ class GrowingFloor(MapInUse):
 
     def _places(self, size: float) -> Array:
         """Return the middles of the free cells (n, 2), m."""
-        row = (self._free + ROWS // 2) % ROWS - ROWS // 2
-        return (np.column_stack(((self._free - row) // ROWS, row)) + 0.5) * size
+        row = (self._free + COLUMN_CELLS // 2) % COLUMN_CELLS - COLUMN_CELLS // 2
+        return (np.column_stack(((self._free - row) // COLUMN_CELLS, row)) + 0.5) * size

@@ -25,9 +25,9 @@ GZIP: Final = b"\x1f\x8b"
 FIELDS: Final = ("laser_front_laser_fov", "robot_front_laser_fov")
 RADIANS_TO: Final = 2.0 * pi + 1e-4
 """rad, a whole turn, as a rounded number may have it."""
-SHORTEST: Final = 0.05
+RANGE_USED_MIN: Final = 0.05
 """m; a shorter range counts as none."""
-LONGEST: Final = 30.0
+RANGE_USED_MAX: Final = 30.0
 """m; things farther away tell little about the pose."""
 
 
@@ -79,10 +79,10 @@ class Log(NamedTuple):
 def points_of(ranges: Array, angles: Array, longest: float, swept: Array | None = None) -> Array:
     """Return the ends of the beams, (n, 2) in m, in the frame of `swept`, in their order.
 
-    Ranges that are NaN, infinite, below `SHORTEST`, at least `longest`, or beyond `LONGEST` are left out.
+    Ranges that are NaN, infinite, below `RANGE_USED_MIN`, at least `longest`, or beyond `RANGE_USED_MAX` are left out.
     """
     with np.errstate(invalid="ignore"):
-        good = (ranges > SHORTEST) & (ranges < min(longest, LONGEST))
+        good = (ranges > RANGE_USED_MIN) & (ranges < min(longest, RANGE_USED_MAX))
     ends = np.column_stack(
         (ranges[good] * np.cos(angles[good]), ranges[good] * np.sin(angles[good]), np.zeros(good.sum()))
     )

@@ -31,13 +31,13 @@ BENT: Final = 20.0
 
 SHRINKS: Final = 3.0
 """Factor by which c shrinks in a round, down to `BENT`."""
-ENDLESS: Final = 1e6
+ENDLESS_WAY: Final = 1e6
 """m."""
-UNMEASURED: Final = 1e-5
+UNMEASURED_INFORMATION: Final = 1e-5
 """Trace of an edge's information below which it joins its nodes without a measurement."""
 SAME_WAY: Final = 1e-5
 """m by which sums of the same lengths may differ."""
-STILL: Final = 1e-4
+SETTLED_STEP: Final = 1e-4
 """m and rad: iteration ends when poses move less."""
 
 EDGE: Final = np.dtype(
@@ -132,7 +132,7 @@ class Graph:
         steps, loop = edges["step"][~loops], edges[loops]
         each = np.hypot(steps[:, 0], steps[:, 1]) + 0.3 * np.abs(steps[:, 2])
         if begun:
-            each[begun - 1] = ENDLESS
+            each[begun - 1] = ENDLESS_WAY
         along = np.concatenate(([0.0], np.cumsum(each)))
         lengths: Array = np.abs(along - along[node])
         rounds = 0
@@ -176,7 +176,7 @@ class Graph:
         moves = np.zeros((len(edges), 3, 3))
         moves[:, 0, 0], moves[:, 0, 1], moves[:, 1, 0], moves[:, 1, 1] = cosine, -sine, sine, cosine
         moves[:, 0, 2], moves[:, 1, 2], moves[:, 2, 2] = second[:, 1], -second[:, 0], 1.0
-        measured = edges["information"].trace(axis1=1, axis2=2) > UNMEASURED
+        measured = edges["information"].trace(axis1=1, axis2=2) > UNMEASURED_INFORMATION
         covariances = np.linalg.inv(edges["information"]) * measured[:, None, None]
         return np.asarray(moves @ covariances @ moves.transpose(0, 2, 1))
 
@@ -232,7 +232,7 @@ class Graph:
             step = factors.solve(-gradient)
             self.poses[:] += step.reshape(-1, 3)
             self.poses[:, 2] = wrapped(self.poses[:, 2])
-            if bend == BENT and np.abs(step).max() < STILL:
+            if bend == BENT and np.abs(step).max() < SETTLED_STEP:
                 break
         self.refresh()
 

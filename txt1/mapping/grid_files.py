@@ -22,9 +22,9 @@ RESOLUTION: Final = 0.05
 """m."""
 SOLID: Final = 0.4
 """Share of the rays through a cell that end in it, from which the cell is a wall; grazing rays pass walls, too."""
-MARGIN: Final = 0.5
+FLOOR_MARGIN: Final = 0.5
 """m round the floor that was seen."""
-ROWS: Final = 256
+ROWS_AT_ONCE: Final = 256
 """Number of rows whose cells are decided at a time, which bounds the memory."""
 
 
@@ -34,8 +34,8 @@ def grid_of(clouds: Sequence[Cloud], poses: Array, loops: Kernels, resolution: f
     A cell's side is `resolution` m; it is doubled until the grid has at most `CELLS_MAX` cells.
     """
     ends = [placed(pose, cloud.points) for cloud, pose in zip(clouds, poses, strict=True)]
-    low = np.min([each.min(axis=0) for each in (*ends, poses[:, :2])], axis=0) - MARGIN
-    high = np.max([each.max(axis=0) for each in (*ends, poses[:, :2])], axis=0) + MARGIN
+    low = np.min([each.min(axis=0) for each in (*ends, poses[:, :2])], axis=0) - FLOOR_MARGIN
+    high = np.max([each.max(axis=0) for each in (*ends, poses[:, :2])], axis=0) + FLOOR_MARGIN
     resolution = fitting(low, high, resolution)
     # whole cells from 0 on, so that a growing map keeps its cells
     left, bottom = (floor(each / resolution) for each in low)
@@ -50,8 +50,8 @@ def grid_of(clouds: Sequence[Cloud], poses: Array, loops: Kernels, resolution: f
 def occupancy(hits: NDArray[np.int32], passes: NDArray[np.int32]) -> NDArray[np.int8]:
     """Return the cells of a grid, from the numbers of rays that end in each and that pass it."""
     cells = np.empty(hits.shape, np.int8)
-    for first in range(0, len(hits), ROWS):
-        some = slice(first, first + ROWS)
+    for first in range(0, len(hits), ROWS_AT_ONCE):
+        some = slice(first, first + ROWS_AT_ONCE)
         seen = hits[some] + passes[some]
         solid = hits[some] >= SOLID * np.maximum(seen, 1)
         cells[some] = np.where(seen == 0, UNKNOWN, np.where(solid, OCCUPIED, FREE))

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from txt1.mapping.grid_files import MARGIN, RESOLUTION, fitting, occupancy
+from txt1.mapping.grid_files import FLOOR_MARGIN, RESOLUTION, fitting, occupancy
 from txt1.mapping.mapper import Mapper
 from txt1.mapping.poses import Array, difference, placed
 from txt1.maps.grid import Grid
@@ -64,7 +64,7 @@ class GrowingGrid:
             for pose, key in zip(poses[len(self._poses) :], mapper.keys[len(self._poses) :], strict=True)
         ]
         every = np.concatenate((poses[:, :2], *ends))
-        low, high = every.min(axis=0) - MARGIN - ROOM, every.max(axis=0) + MARGIN + ROOM
+        low, high = every.min(axis=0) - FLOOR_MARGIN - ROOM, every.max(axis=0) + FLOOR_MARGIN + ROOM
         if rows:
             low = np.minimum(low, corner)
             high = np.maximum(high, corner + self.resolution * np.array([columns, rows]))
@@ -74,8 +74,8 @@ class GrowingGrid:
     def _make_room(self, points: list[Array]) -> None:
         """Enlarge the grid so that it contains all points, m."""
         found = [each for each in points if len(each)]
-        low = (np.min([each.min(axis=0) for each in found], axis=0) - MARGIN) / self.resolution
-        high = (np.max([each.max(axis=0) for each in found], axis=0) + MARGIN) / self.resolution
+        low = (np.min([each.min(axis=0) for each in found], axis=0) - FLOOR_MARGIN) / self.resolution
+        high = (np.max([each.max(axis=0) for each in found], axis=0) + FLOOR_MARGIN) / self.resolution
         rows, columns = self._hits.shape
         left, bottom = (int(each) for each in np.floor(low))
         right, top = (int(each) + 1 for each in np.floor(high))

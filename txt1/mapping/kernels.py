@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-NARROW = 2
+MIDDLE_WIDENED = 2
 WIDE = 8
 """Cells on the side of a block in the search."""
 
@@ -132,7 +132,7 @@ def search(
 
     Args:
         fine: the field, uint8.
-        middle: a cell for 2 x 2 cells: the maximum of `NARROW` + 2 cells a side, to the right and up.
+        middle: a cell for 2 x 2 cells: the maximum of `MIDDLE_WIDENED` + 2 cells a side, to the right and up.
         coarse: a cell for 4 x 4 cells: the maximum of `WIDE` + 4 cells a side.
         points: points relative to the centre of rotation. x0, y0: m from the centre of rotation to the field's corner,
             negative within.
@@ -152,7 +152,7 @@ def search(
         for i in range(count):
             xs[k, i] = floor((c * points[i, 0] - s * points[i, 1] - x0) / cell)
             ys[k, i] = floor((s * points[i, 0] + c * points[i, 1] - y0) / cell)
-    wide, narrow = WIDE, NARROW
+    wide, narrow = WIDE, MIDDLE_WIDENED
     blocks = (2 * reach) // wide + 1
     bounds = np.empty(total * blocks * blocks)
     scale = 1.0 / (255.0 * count)

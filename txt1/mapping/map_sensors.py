@@ -58,9 +58,9 @@ from txt1.tasks.on_map import MAP_POSE, PARTICLES, SCAN_ON_MAP, WALLS_ON_MAP, Li
 POSE: Final = "map"
 NEWS: Final = "mapping"
 """Name of the sensor of results."""
-FRESH: Final = 0.5
+SCAN_AGE_MAX: Final = 0.5
 """s for which a scan is used."""
-NEAR: Final = 1.5
+SCAN_RANGE_MAX: Final = 1.5
 """m from the laser within which it is used: farther away, an error of the heading would put walls on free floor."""
 UNKNOWN_NEAR: Final = 0.35
 """m from free floor at which a robot may stand on unknown cells."""
@@ -338,13 +338,13 @@ class OnMap(MapInUse):
         if found is None or room is None or room.walls is None:
             return ()
         laser, sweep = found
-        points = sweep.points[np.hypot(*sweep.points.T) < NEAR]
+        points = sweep.points[np.hypot(*sweep.points.T) < SCAN_RANGE_MAX]
         return [(x, y) for x, y in placed(laser, points).tolist() if room.walls.distance(x, y) > OFF_WALLS]
 
     def newest(self) -> tuple[Array, Sweep] | None:
         """Return the newest scan and the laser's pose on the map (x, y, theta; m, rad); None: lost, or too old."""
         news, sweep = self.news, None if self._sensor is None else self._sensor.newest
-        if news is None or news.lost or sweep is None or self._runtime.now - sweep.time > FRESH:
+        if news is None or news.lost or sweep is None or self._runtime.now - sweep.time > SCAN_AGE_MAX:
             return None
         return composed(news.origin, sweep.odometry), sweep
 

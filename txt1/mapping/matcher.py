@@ -35,7 +35,7 @@ from txt1.sim.machine_code import compiled
 
 Array = NDArray[np.float64]
 
-CELL: Final = 0.05
+FIELD_CELL: Final = 0.05
 """m, side of the field's cells."""
 SIGMA: Final = 0.06
 """m, width of the field's bells: the laser's noise and half a cell."""
@@ -47,7 +47,7 @@ SCALE: Final = 0.05
 """m, scale of the weights in the alignment."""
 SEEN_CELL: Final = 0.1
 """m, side of the cells in which rays are noted."""
-GAP: Final = 0.05
+CLOUD_SPACING: Final = 0.05
 """m between points of a cloud."""
 BROKEN: Final = 0.3
 """m between points on different surfaces."""
@@ -57,10 +57,10 @@ def _bell(parts: int) -> NDArray[np.uint8]:
     """Return 255 exp(-d^2 / 2 SIGMA^2) on the cells round a point, for parts x parts places of the point in its
     cell.
     """
-    reach = int(2.5 * SIGMA / CELL) + 1
+    reach = int(2.5 * SIGMA / FIELD_CELL) + 1
     along = np.arange(-reach, reach + 1) + 0.5
     within = (np.arange(parts) + 0.5) / parts
-    squares = ((along[None] - within[:, None]) * CELL) ** 2
+    squares = ((along[None] - within[:, None]) * FIELD_CELL) ** 2
     distances = squares[:, None, :, None] + squares[None, :, None, :]
     return (255.0 * np.exp(-distances / (2.0 * SIGMA**2))).astype(np.uint8)
 
@@ -102,15 +102,15 @@ class LocalMap:
         self.cloud = cloud
         self._loops = loops
         low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
-        margin = (BELL.shape[2] // 2 + 1) * CELL
+        margin = (BELL.shape[2] // 2 + 1) * FIELD_CELL
         self._corner = float(low[0] - margin), float(low[1] - margin)
         # multiples of 4, to be halved twice
-        columns, rows = (4 * ceil((float(each) + 2.0 * margin) / CELL / 4) for each in high - low)
+        columns, rows = (4 * ceil((float(each) + 2.0 * margin) / FIELD_CELL / 4) for each in high - low)
         field = np.zeros((rows, columns), np.uint8)
-        loops.stamp(field, cloud.points, *self._corner, CELL, BELL)
+        loops.stamp(field, cloud.points, *self._corner, FIELD_CELL, BELL)
         halves = _halved(field)
         self._fields = field, _spread(halves, 1), _spread(_halved(halves), 2)
-        size = int(rows * CELL / LIST_CELL) + 1, int(columns * CELL / LIST_CELL) + 1
+        size = int(rows * FIELD_CELL / LIST_CELL) + 1, int(columns * FIELD_CELL / LIST_CELL) + 1
         self._first, self._following = loops.listed(cloud.points, *self._corner, LIST_CELL, *size)
 
     def search(
@@ -131,24 +131,24 @@ class LocalMap:
         # three quarters of the points are nearer
         quarter = 3 * len(points) // 4
         far = float(np.partition(np.hypot(points[:, 0], points[:, 1]), quarter)[quarter])
-        step = min(max(2.0 * CELL / max(far, 0.1), radians(0.3)), radians(2.0))
+        step = min(max(2.0 * FIELD_CELL / max(far, 0.1), radians(0.3)), radians(2.0))
         each = ceil(turn / step)
         angles = pose[2] + step * np.arange(-each, each + 1)
-        costs = np.array([0.1 * (CELL / loose[0]) ** 2, 0.1 * (step / loose[1]) ** 2])
+        costs = np.array([0.1 * (FIELD_CELL / loose[0]) ** 2, 0.1 * (step / loose[1]) ** 2])
         score, dx, dy, number = self._loops.search(
             *self._fields,
             points,
             self._corner[0] - pose[0],
             self._corner[1] - pose[1],
-            CELL,
+            FIELD_CELL,
             angles,
-            ceil(reach / CELL),
+            ceil(reach / FIELD_CELL),
             costs,
             at_least,
         )
         if number < 0:
             return at_least, pose
-        return score, np.array([pose[0] + dx * CELL, pose[1] + dy * CELL, angles[number]])
+        return score, np.array([pose[0] + dx * FIELD_CELL, pose[1] + dy * FIELD_CELL, angles[number]])
 
     @property
     def coarse(self) -> tuple[NDArray[np.uint8], tuple[float, float]]:
@@ -157,7 +157,7 @@ class LocalMap:
 
     def near(self, points: Array) -> NDArray[np.bool_]:
         """Return whether each point lies within 2.5 `SIGMA` of a point of the map."""
-        return np.asarray(_looked_up(self._fields[0], points, self._corner, CELL) > 0)
+        return np.asarray(_looked_up(self._fields[0], points, self._corner, FIELD_CELL) > 0)
 
     def align(self, cloud: Cloud, start: Array, centre: Array, prior: Array) -> tuple[Array, Array, float, float]:
         """Return (pose, information, share that fits, rms in m), as `kernels.align`."""
@@ -223,7 +223,7 @@ def _spread(field: Any, more: int) -> Any:
 
 def cloud_of(points: Array, loops: Kernels) -> Cloud:
     """Return the cloud of points in the order of the beams, in the laser's frame, m."""
-    return Cloud(*loops.thin(np.ascontiguousarray(points), GAP, BROKEN))
+    return Cloud(*loops.thin(np.ascontiguousarray(points), CLOUD_SPACING, BROKEN))
 
 
 def joined(clouds: list[Cloud], poses: Array) -> Cloud:
@@ -239,7 +239,7 @@ def joined(clouds: list[Cloud], poses: Array) -> Cloud:
 
 def sparse(cloud: Cloud, most: int) -> Cloud:
     """Return at most `most` of the cloud's points, one from each cell of a sufficiently coarse grid."""
-    cell = GAP
+    cell = CLOUD_SPACING
     while len(cloud.points) > most:
         cell *= 1.5
         cells = np.floor(cloud.points / cell).astype(np.int64)

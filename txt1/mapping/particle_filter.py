@@ -46,9 +46,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from txt1.mapping.carmen_logs import LONGEST
+from txt1.mapping.carmen_logs import RANGE_USED_MAX
 from txt1.mapping.mapper import Mapper
-from txt1.mapping.matcher import GAP, Cloud, LocalMap, compiled_kernels, joined, sparse
+from txt1.mapping.matcher import CLOUD_SPACING, Cloud, LocalMap, compiled_kernels, joined, sparse
 from txt1.mapping.poses import composed, difference, wrapped
 from txt1.mapping.whole_map import WholeMap
 from txt1.maps.grid import OCCUPIED_FROM, Grid
@@ -60,7 +60,7 @@ COUNT: Final = 2500
 """Number of particles."""
 RAYS: Final = 61
 """Number of a scan's rays that are compared."""
-NOISE: Final = 0.06
+RANGE_SIGMA: Final = 0.06
 """m, standard deviation of a range on the map: of the laser, and of a cell."""
 RANDOM: Final = 0.1
 """Share of ranges that may have any value: people, glass."""
@@ -76,18 +76,18 @@ BELIEVED: Final = 0.75
 """Share of all rays of the small map of which more must end at walls of the whole map when the filter is found: people
 stand before the others.
 """
-LEAST: Final = 0.25
+RAYS_SHARE_MIN: Final = 0.25
 """Smallest share of a scan's rays that are not too short. With fewer, the beams that met nothing count, too."""
-FEW: Final = 5
+RAYS_MIN: Final = 5
 """Smallest number of these rays."""
 NOTHING: Final = np.empty((0, 2))
 LOST_AFTER: Final = 1.0
 """s without a fitting scan until the filter is lost, and of fitting scans until it is found."""
-AGAIN: Final = 1.0
+SEARCH_PERIOD: Final = 1.0
 """s between the beginnings of two searches of the whole map."""
 TRAIL: Final = 16
 """Newest keyframes of the small map that are matched with the whole map; with three times as many, it is renewed."""
-ENOUGH: Final = 0.4
+MATCH_ENOUGH: Final = 0.4
 """Score of this match from which a pose is compared by rays."""
 COMPARED: Final = 6
 """Number of scans whose rays are cast from the poses found."""
@@ -103,9 +103,9 @@ refuted.
 """
 ELSEWHERE: Final = 0.5
 """m, or rad; poses with a larger difference are different places."""
-BEHIND: Final = 0.4
+THROUGH: Final = 0.4
 """m beyond a measured range at which a ray ends: the range is too short, whatever the ray would meet."""
-STEP: Final = 0.02
+WEIGHT_STEP: Final = 0.02
 """m, step of the table of weights."""
 
 
@@ -170,13 +170,13 @@ def _are_one(found: Likely, pose: Array) -> bool:
 
 
 def _table() -> Array:
-    """Return the logarithms of the weights, for measured minus expected range from -4 m to 4 m in steps of STEP.
+    """Return the logarithms of the weights, for measured minus expected range from -4 m to 4 m in steps of WEIGHT_STEP.
 
     A range that is too short is from a person or a box. A range through a wall is less likely.
     """
-    off = np.arange(-4.0, 4.0 + STEP / 2.0, STEP)
+    off = np.arange(-4.0, 4.0 + WEIGHT_STEP / 2.0, WEIGHT_STEP)
     random = np.where(off < 0.0, RANDOM, 0.3 * RANDOM)
-    return np.log((1.0 - RANDOM) * np.exp(-(off**2) / (2.0 * NOISE**2)) + random)
+    return np.log((1.0 - RANDOM) * np.exp(-(off**2) / (2.0 * RANGE_SIGMA**2)) + random)
 
 
 def _weigh(
@@ -197,7 +197,7 @@ def _weigh(
     """
     rows, columns = clear.shape
     middle = (table.shape[0] - 1) // 2
-    per_step = cell / STEP
+    per_step = cell / WEIGHT_STEP
     count = ranges.shape[0]
     x, y, t, dx, dy, measured = np.empty((6, count))
     for p in range(u.shape[0]):
@@ -213,7 +213,7 @@ def _weigh(
             while k < left:
                 # the frame of walls keeps every ray within
                 near = clear[int(y[k]), int(x[k])] if inside else 0
-                if near > 0 and t[k] < measured[k] + BEHIND / cell:
+                if near > 0 and t[k] < measured[k] + THROUGH / cell:
                     leap = max(0.25 * near - 0.7, 0.6)
                     t[k] += leap
                     x[k] += dx[k] * leap
@@ -268,7 +268,7 @@ class Locator:
         return np.asarray(poses + self._rng.standard_normal((self._count, 3)) * (spread[0], spread[0], spread[1]))
 
     def update(
-        self, time: float, points: Array, odometry: Any, free: Array = NOTHING, reach: float = LONGEST
+        self, time: float, points: Array, odometry: Any, free: Array = NOTHING, reach: float = RANGE_USED_MAX
     ) -> Located:
         """Take a scan: points (n, 2) in the laser's frame (m), and the laser's pose by odometry (m, rad); `free`:
         places (n, 2) on the other beams, which met nothing within the laser's `reach`, m.
@@ -285,7 +285,7 @@ class Locator:
                 return Located(time, odometry, np.diag([1e6, 1e6, 10.0]), 0.0, True)
         else:
             self._moved(step)
-        if len(points) >= FEW:
+        if len(points) >= RAYS_MIN:
             self._logs = self._logs + TOGETHER * self.weights(self.particles, *_rays_of(points))
         fit = self._fit(self._mean()[0], points, free, reach)
         told = self._told(time, fit)
@@ -338,13 +338,15 @@ class Locator:
         the beams that met nothing count, too. Return 0 if even then too few tell anything.
         """
         fits, through = self._counted(pose, points)
-        if len(points) < FEW or fits + through < LEAST * min(RAYS, len(points)):
+        if len(points) < RAYS_MIN or fits + through < RAYS_SHARE_MIN * min(RAYS, len(points)):
             fits, through = self._counted(pose, points, free, reach)
-            if fits + through < max(FEW, LEAST * min(RAYS, len(points) + len(free))):
+            if fits + through < max(RAYS_MIN, RAYS_SHARE_MIN * min(RAYS, len(points) + len(free))):
                 return 0.0
         return fits / (fits + through)
 
-    def _counted(self, pose: Array, points: Array, free: Array = NOTHING, reach: float = LONGEST) -> tuple[int, int]:
+    def _counted(
+        self, pose: Array, points: Array, free: Array = NOTHING, reach: float = RANGE_USED_MAX
+    ) -> tuple[int, int]:
         """Return the numbers of rays that fit the map, and that go through one of its walls.
 
         Those to points fit if they end at a wall. The others go through `reach`, and fit if no wall is as near.
@@ -393,7 +395,7 @@ class Locator:
         if self._search is None or self._search.pose is not None:
             if time < self._next or self._trail is None:
                 return False
-            self._next = time + AGAIN
+            self._next = time + SEARCH_PERIOD
             self._search = PendingSearch(self._likely(self._trail, None), None)
         ended, found, way = self._continued(self._search)
         if not ended or found is None:
@@ -444,7 +446,7 @@ class Locator:
         cloud = joined([key.cloud for key in keys], back)
         if len(cloud.points) < 50:
             return None
-        places = yield from self._whole.places(sparse(cloud, 100), ENOUGH)
+        places = yield from self._whole.places(sparse(cloud, 100), MATCH_ENOUGH)
         if not len(places):
             return None
         # one place is the pose's
@@ -501,6 +503,6 @@ def _walls_of(grid: Grid) -> Cloud:
     points = np.column_stack((x, y))
     return (
         Cloud(points, np.zeros_like(points))
-        if grid.resolution >= GAP
+        if grid.resolution >= CLOUD_SPACING
         else sparse(Cloud(points, np.zeros_like(points)), max(1000, len(points) // 4))
     )

@@ -34,10 +34,10 @@ from txt1.model.vehicle import Geometry
 from txt1.sim.room import Room
 from txt1.sim.walls import Walls
 
-FAR: Final = 2.5
+RAY_MAX: Final = 2.5
 """m of a ray that count: farther away, an error of the heading would put walls on free floor."""
-EVERY: Final = 2
-"""One of this number of rays is used: at FAR, the rays of a usual laser are closer together than cells."""
+RAYS_STEP: Final = 2
+"""One of this number of rays is used: at RAY_MAX, the rays of a usual laser are closer together than cells."""
 CLEARS: Final = 20
 """Per cent of being solid that a ray removes from a cell that it passes."""
 LATELY: Final = 10.0
@@ -87,7 +87,7 @@ def below(pose: tuple[float, float, float], body: Geometry, resolution: float) -
 def before(points: Array, resolution: float) -> Array:
     """Return places (n, 2) on the rays from the origin to points, a cell apart, up to half a cell before their ends."""
     ranges = np.hypot(points[:, 0], points[:, 1])
-    steps = resolution * np.arange(ceil(FAR / resolution))
+    steps = resolution * np.arange(ceil(RAY_MAX / resolution))
     ray, step = np.nonzero(steps < (ranges - 0.5 * resolution)[:, None])
     with np.errstate(invalid="ignore"):
         along = points / ranges[:, None]
@@ -122,12 +122,12 @@ class SeenFloor:
         """Take a scan of a time, s: the ends of its rays, m, in the frame of the laser's pose (x, y, theta) on the
         map.
         """
-        points = points[::EVERY]
+        points = points[::RAYS_STEP]
         passed = places_on(self._grid, placed(laser, before(points, self._grid.resolution)))
         cells = self.cells.ravel()
         cells[passed] = np.maximum(cells[passed] - CLEARS, FREE)
         self._times[passed] = time
-        cells[places_on(self._grid, placed(laser, points[np.hypot(*points.T) < FAR]))] = OCCUPIED
+        cells[places_on(self._grid, placed(laser, points[np.hypot(*points.T) < RAY_MAX]))] = OCCUPIED
 
     def stand(self, pose: tuple[float, float, float], body: Geometry, time: float) -> None:
         """Mark the floor below a body at a pose as free at a time, s."""

@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.errors import ConfigError, RecordingError
-from txt1.mapping.carmen_logs import LONGEST, points_of
+from txt1.mapping.carmen_logs import RANGE_USED_MAX, points_of
 from txt1.mapping.poses import composed, difference
 from txt1.sensors.readings import ImuReading, Mount, Scan
 
 Array = NDArray[np.float64]
 
-KEPT: Final = 2.0
+ODOMETRY_KEPT: Final = 2.0
 """s of odometry that are kept for later scans."""
-SILENT: Final = 0.2
+GYRO_SILENCE: Final = 0.2
 """s without a reading from which the gyro counts as silent, and the wheels' turns are used."""
 CREEP: Final = 0.05
 """rad/s; a robot whose wheels stand and that turns faster is carried, and its gyro's bias is not learned."""
@@ -34,7 +34,7 @@ READINGS: Final = 1000
 """Newest readings of the gyro that are kept while no odometry comes."""
 BIASES: Final = 500
 """Steps at rest over which the gyro's bias is averaged."""
-STRAIGHT: Final = 0.05
+STRAIGHT_TURN: Final = 0.05
 """rad: a step that turns less shows the laser's direction."""
 LEAST_WAY: Final = 3.0
 """m of straight steps after which the laser's direction is estimated."""
@@ -57,7 +57,7 @@ class Sweep(NamedTuple):
     """The laser's pose by wheels and gyro; without a gyro the same as `odometry`."""
     free: Array = np.empty((0, 2))
     """Places (n, 2) as `points`, at most `FREE_WITHIN` m away, to which beams met nothing."""
-    reach: float = LONGEST
+    reach: float = RANGE_USED_MAX
     """m up to which a beam that met nothing met no wall."""
 
 
@@ -73,7 +73,7 @@ class Gyro:
         """Take a yaw rate, rad/s."""
         if not abs(rate) < FASTEST or (self._times and time <= self._times[-1]):
             return
-        if self._times and time - self._times[-1] > SILENT:
+        if self._times and time - self._times[-1] > GYRO_SILENCE:
             self._times.clear()
             self._angles.clear()
         angle = self._angles[-1] + 0.5 * (self._rate + rate) * (time - self._times[-1]) if self._times else 0.0
@@ -84,7 +84,7 @@ class Gyro:
     def awaited(self, at: float, now: float) -> bool:
         """Return whether it has not read yet at a time, s, and is not silent either."""
         newest = self._times[-1] if self._times else -inf
-        return newest < at and now - newest <= SILENT
+        return newest < at and now - newest <= GYRO_SILENCE
 
     def turn(self, since: float, until: float, rests: bool) -> float | None:
         """Return its turn, rad, None where it has no readings; `rests`: the wheels stand."""
@@ -133,7 +133,7 @@ class Sweeper:
             self._take(*newer.popleft())
         while samples and self._waiting and _end(*self._waiting[0]) <= samples[-1][0]:
             yield self._complete(*self._waiting.popleft())
-        while len(samples) > 2 and samples[1][0] < time - KEPT and not self._waiting:
+        while len(samples) > 2 and samples[1][0] < time - ODOMETRY_KEPT and not self._waiting:
             samples.popleft()
 
     def _take(self, time: float, x: float, y: float, theta: float) -> None:
@@ -173,7 +173,7 @@ class Sweeper:
         points = points_of(ranges, angles, scan.range_max, swept)
         nothing = np.where(np.isposinf(ranges), min(FREE_WITHIN, 0.99 * scan.range_max), np.nan)
         free = points_of(nothing, angles, scan.range_max, swept)
-        return Sweep(middle, points, laser(middle, 1), predicted, free, min(scan.range_max, LONGEST))
+        return Sweep(middle, points, laser(middle, 1), predicted, free, min(scan.range_max, RANGE_USED_MAX))
 
 
 def _end(time: float, scan: Scan) -> float:
@@ -250,7 +250,7 @@ def awry(poses: Array, odometry: Array) -> float | None:
         difference(odometry[apart[:-1]], odometry[apart[1:]]),
     )
     way = np.hypot(theirs[:, 0], theirs[:, 1])
-    straight = (np.abs(theirs[:, 2]) < STRAIGHT) & (way > 0.05) & (np.abs(ours[:, 2]) < 2.0 * STRAIGHT)
+    straight = (np.abs(theirs[:, 2]) < STRAIGHT_TURN) & (way > 0.05) & (np.abs(ours[:, 2]) < 2.0 * STRAIGHT_TURN)
     if way[straight].sum() < LEAST_WAY:
         return None
     ours, theirs = ours[straight], theirs[straight]

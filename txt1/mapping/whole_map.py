@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from txt1.mapping import kernels
-from txt1.mapping.matcher import CELL, Cloud, LocalMap
+from txt1.mapping.matcher import FIELD_CELL, Cloud, LocalMap
 from txt1.maps.grid import Grid
 from txt1.sim.machine_code import compiled
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-LARGE: Final = 2.0 * CELL
+LARGE: Final = 2.0 * FIELD_CELL
 """m, side of a cell."""
 LEVELS: Final = 4
 BLOCK: Final = 1 << (LEVELS - 1)
@@ -36,7 +36,7 @@ TILE: Final = 64
 """Cells on the side of a tile."""
 SECTORS: Final = 24
 """Number of sectors of headings."""
-BEHIND: Final = 0.25
+SCORE_BEHIND: Final = 0.25
 """Difference from the best score of all from which a place does not count."""
 LOOKS: Final = 20_000_000
 """Points that are looked up in a portion, some 20 ms."""
@@ -93,7 +93,7 @@ class WholeMap:
         tiles = tuple(ceil(side / TILE) for side in self._frees[0].shape)
         best, found = np.full((*tiles, SECTORS), enough), np.zeros((*tiles, SECTORS, 3), np.int64)
         portion, left = LOOKS // len(points), MOST // len(points)
-        arguments = flat, points, LARGE, angles, TILE, BEHIND
+        arguments = flat, points, LARGE, angles, TILE, SCORE_BEHIND
         while True:
             done, looked = refining(
                 self._fields, self._frees, self._every, order, *arguments, min(portion, left), best, found

@@ -23,7 +23,7 @@ from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose, length
 from txt1.model.vehicle import STEERING_MAX, Geometry
 from txt1.navigation.pace import pace
-from txt1.navigation.plan import SHORT, NoPath, plan, plan_with_run_up, seen_part, stretches
+from txt1.navigation.plan import STRETCH_MIN, NoPath, plan, plan_with_run_up, seen_part, stretches
 from txt1.navigation.pose_source import PoseSource, encoders_view, wheel_pose
 from txt1.navigation.search import heading_at
 from txt1.robot import Robot
@@ -59,15 +59,15 @@ DEAD_TIME: Final = 0.05
 # m: the yaw-rate loop has to follow within this distance for curves to be driven at full speed
 FOLLOWS_WITHIN: Final = 0.12
 # m ahead that must be straight for a speed at which the loop follows less closely
-STRAIGHT: Final = 0.3
+STRAIGHT_AHEAD: Final = 0.3
 # m/s from the border of a gain set, two quanta of the encoders
 CLEARANCE: Final = 0.03
 # s without motion after which the vehicle is at rest
-REST: Final = 0.25
+REST_TIME: Final = 0.25
 # s that it has for that: a vehicle that is pushed, or rolls on, goes on from where it is
 RESTS_WITHIN: Final = 5.0
 # s in which the vehicle has to get on by HARDLY m, else something stops it; some ESCs wait 2.5 s before reverse
-STANDS: Final = 4.0
+STUCK_AFTER: Final = 4.0
 # m
 HARDLY: Final = 0.05
 # m before the body of what stops the vehicle unseen
@@ -79,9 +79,9 @@ LATERAL_GAIN: Final = 1.0 / RETURN_LENGTH**2
 # m from the body within which something seen is in the way
 BESIDE: Final = 0.03
 # s between two checks of the things seen
-LOOK_EVERY: Final = 0.1
+SEEN_CHECK_PERIOD: Final = 0.1
 # m of path beyond the braking distance that must be free of things seen
-LOOK_AHEAD: Final = 0.3
+SEEN_AHEAD: Final = 0.3
 # curvature per heading error, 1/m: critical damping
 HEADING_GAIN: Final = 2.0 / RETURN_LENGTH
 
@@ -149,7 +149,7 @@ async def go_to(
 
     On a map (`map_pose`, `map_floor`), each way is planned on the floor as it is seen at that time. If something comes
     into the way, or stops the robot, it looks for a way round it, up to `DETOURS` times; while there is none, it waits
-    `STANDS` s before it looks again. No path is closer to walls than the obstacle stop lets the robot drive.
+    `STUCK_AFTER` s before it looks again. No path is closer to walls than the obstacle stop lets the robot drive.
 
     Raises NoPath: the goal cannot be reached inside the room; Blocked: something that is seen stands in the way, or the
     robot does not move (`Halted`);
@@ -192,8 +192,8 @@ async def go_to(
                 raise type(blocked)(*blocked.place, f"; round it, {error}") from None
             # who stands there, or stopped it unseen, may go
             detours, met = detours + 1, met[:0]
-            robot.tell(f"finds no way round it, waits {STANDS:.0f} s, and looks again")
-            await rest(robot, wheel, poses, STANDS)
+            robot.tell(f"finds no way round it, waits {STUCK_AFTER:.0f} s, and looks again")
+            await rest(robot, wheel, poses, STUCK_AFTER)
             wheel.release()
             continue
         reached = poses.pose()
@@ -267,7 +267,7 @@ async def _drive(robot: Robot, wheel: CommandSource, poses: PoseSource, start: P
         for number, part in enumerate(stretches(path)):
             floor = None if poses.sees is None or part[0].distance > 0.0 else poses.sees.floor()
             seen = seen_part(start, part, floor, robot.config.geometry)
-            if seen != part and (number or length(seen) < SHORT):
+            if seen != part and (number or length(seen) < STRETCH_MIN):
                 return
             stretch = Stretch(start, seen)
             await _drive_stretch(robot, wheel, poses, stretch, speed)
@@ -292,12 +292,12 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
         driven = stretch.nearest(pose, driven)
         if driven >= mark + HARDLY:
             mark, since = driven, robot.now
-        elif robot.now - since > STANDS:
+        elif robot.now - since > STUCK_AFTER:
             raise halted(robot, stretch.gear, pose)
         moving = abs(robot.odometry.v)
         if there is not None and robot.now >= looked:
-            looked = robot.now + LOOK_EVERY
-            ahead = driven + moving * moving / (2.0 * BRAKING) + LOOK_AHEAD
+            looked = robot.now + SEEN_CHECK_PERIOD
+            ahead = driven + moving * moving / (2.0 * BRAKING) + SEEN_AHEAD
             found = _in_the_way(stretch, driven, ahead, there.seen(), geometry)
             # a single scan may be wrong
             doubt = 0 if found is None else doubt + 1
@@ -306,7 +306,7 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
         left = stretch.length - driven - moving * SPEED_LAG
         if left <= 0.0:
             break
-        bends = stretch.bends(driven, driven + STRAIGHT) or stretch.length - driven < STRAIGHT
+        bends = stretch.bends(driven, driven + STRAIGHT_AHEAD) or stretch.length - driven < STRAIGHT_AHEAD
         v = min(in_curves if bends else speed, max(CRAWL, sqrt(2.0 * BRAKING * left)))
         preview = min(steering_distance(stretch.gear * v, schedule, geometry), FOLLOWS_WITHIN) + moving * DEAD_TIME
         curvature = clip(stretch.steer(pose, driven, preview), sharpest)
@@ -315,7 +315,7 @@ async def _drive_stretch(robot: Robot, wheel: CommandSource, poses: PoseSource, 
     await rest(robot, wheel, poses)
 
 
-async def rest(robot: Robot, wheel: CommandSource, poses: PoseSource, seconds: float = REST) -> None:
+async def rest(robot: Robot, wheel: CommandSource, poses: PoseSource, seconds: float = REST_TIME) -> None:
     """Stop, and wait until the robot has been at rest for so long, at most `RESTS_WITHIN` s."""
     still, ends = 0.0, robot.now + RESTS_WITHIN
     while still < seconds and robot.now < ends:

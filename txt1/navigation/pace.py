@@ -7,7 +7,7 @@ from txt1.errors import CommandRefused
 from txt1.sim.battery import economical_speed
 
 # m/s up to which `follow` and `go_to` were tested to stay on their way
-SURE: Final = 1.0
+TESTED_SPEED: Final = 1.0
 
 
 def pace(speed: float | str, config: Config) -> float:
@@ -17,7 +17,7 @@ def pace(speed: float | str, config: Config) -> float:
     """
     if not isinstance(speed, str):
         return speed
-    most = min(config.safety.v_max, SURE)
+    most = min(config.safety.v_max, TESTED_SPEED)
     if speed not in ("time", "energy"):
         raise CommandRefused(f"speed {speed!r}: give m/s, or one of time, energy")
     return most if speed == "time" else economical_speed(config.sim.battery, most)

@@ -24,11 +24,11 @@ BY_WALLS: Final = (0.12, 0.06, 0.03, 0.0)
 # m of path, the cost of a change of gear
 GEAR_CHANGE: Final = 0.1
 # m; a shorter stretch in one gear ends before the steering has turned
-SHORT: Final = 0.15
+STRETCH_MIN: Final = 0.15
 # m of path, the cost of such a stretch
 SHORT_STRETCH: Final = 0.3
 # m of path between two checks of the body
-LOOK_EVERY: Final = 0.05
+PATH_CHECK_SPACING: Final = 0.05
 # m that a correction keeps from a map's walls: more than the error of a pose on a map
 CORRECTS: Final = 0.06
 # m from the robot beyond which it may plan to back up over floor that it has not seen, if there is no other way
@@ -97,7 +97,7 @@ def _at_least(clear: float, margins: Sequence[float]) -> list[float]:
 def cost(path: Path, blind: bool = False) -> float:
     """Return the cost of a path: its length, m, and the costs of gear changes, short stretches and blind metres."""
     parts = stretches(path)
-    short = sum(length(part) < SHORT for part in parts)
+    short = sum(length(part) < STRETCH_MIN for part in parts)
     backward = sum(-min(distance, 0.0) for _, distance in path)
     return length(path) + GEAR_CHANGE * (len(parts) - 1) + SHORT_STRETCH * short + (BLIND - 1.0) * blind * backward
 
@@ -122,16 +122,18 @@ def stays_inside(
     if room is None or not (isfinite(room.length) or isfinite(room.width) or room.walls is not None):
         return True
     if room.walls is None:
-        return all(clearance(*pose, room, body) >= keep_clear for pose in along(start, path, LOOK_EVERY))
+        return all(clearance(*pose, room, body) >= keep_clear for pose in along(start, path, PATH_CHECK_SPACING))
     return stays_clear(start, path, room, body, keep_clear, ends_of(start, None, room, body, keep_clear, keep, inf))
 
 
 def seen_part(start: Pose, path: Path, room: Room | None, body: Geometry) -> Path:
-    """Return the beginning of a path as far as it stays inside the room, to `LOOK_EVERY` m; the path if all does."""
+    """Return the part of a path, from its start, that stays inside the room, to `PATH_CHECK_SPACING` m."""
     if stays_inside(start, path, room, body):
         return path
     inside: Path = ()
-    while inside != path and stays_inside(start, longer := _first(path, length(inside) + LOOK_EVERY), room, body):
+    while inside != path and stays_inside(
+        start, longer := _first(path, length(inside) + PATH_CHECK_SPACING), room, body
+    ):
         inside = longer
     return inside
 

@@ -26,10 +26,10 @@ from txt1.model.kinematics import move_along_arc, wrap_angle
 from txt1.model.reeds_shepp import Path, Pose, Segment
 from txt1.model.vehicle import Geometry
 from txt1.navigation.ways import (
-    CELL,
     GREED,
     LATTICE,
-    NARROW,
+    NARROW_REACH,
+    POSE_CELL,
     SMALL_CELL,
     SMALL_CELLS,
     SMALL_TURNS,
@@ -47,7 +47,7 @@ PLACES_MAX: Final = 400_000
 POSES_MAX: Final = 6000
 # the same of a search for all poses within reach, and of those between two looks at them
 REACHABLE_MAX: Final = 40_000
-BATCH: Final = 1000
+EXPANSIONS_AT_ONCE: Final = 1000
 # number of failed tries after which the next one waits for more poses
 TRIES: Final = 10
 # m: a robot that stands as close to a wall, by a pose that errs, may drive away from it,
@@ -209,7 +209,7 @@ def reachable(
     done = told = 0
     node = loops().advance(*search.arguments, REACHABLE_MAX, -1, REACHABLE_MAX)
     while search.counts[1] or node >= 0:
-        done += BATCH
+        done += EXPANSIONS_AT_ONCE
         node = loops().advance(*search.arguments, REACHABLE_MAX, node, min(done, REACHABLE_MAX))
         until = int(search.counts[0])
         yield search.poses[told:until], float(search.keys[0]) if search.counts[1] else inf
@@ -245,8 +245,15 @@ def _begun(
     """Begin a search that looks at `most` poses at most."""
     assert room.walls is not None
     (x0, y0), (x1, y1) = _extent(room.walls, start[:2], goal)
-    columns, rows = int((x1 - x0) / CELL) + 1, int((y1 - y0) / CELL) + 1
-    squares = x0, y0, float(columns), float(rows), start[0] - NARROW - SMALL_CELL, start[1] - NARROW - SMALL_CELL
+    columns, rows = int((x1 - x0) / POSE_CELL) + 1, int((y1 - y0) / POSE_CELL) + 1
+    squares = (
+        x0,
+        y0,
+        float(columns),
+        float(rows),
+        start[0] - NARROW_REACH - SMALL_CELL,
+        start[1] - NARROW_REACH - SMALL_CELL,
+    )
     size = 6 * most + 1
     poses, steps, keys = np.zeros((size, 4)), np.zeros(2 * size), np.zeros(size)
     parents, heap = np.full(size, -1, np.int64), np.zeros(size, np.int64)

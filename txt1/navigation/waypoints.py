@@ -16,9 +16,9 @@ from txt1.navigation.pose_source import PoseSource, wheel_pose
 from txt1.robot import Robot
 
 # m, at the original's 0.5 m/s
-LOOK_AHEAD: Final = 1.0
+PURSUIT_AHEAD: Final = 1.0
 # m/s, the original's
-SPEED: Final = 0.5
+WAYPOINT_SPEED: Final = 0.5
 # m/s^2, the largest v^2 abs(curvature); at 0.5 m/s and full lock it is not reached
 SIDEWAYS: Final = 0.6
 
@@ -62,8 +62,8 @@ async def follow(
     *,
     laps: float = 1,
     closed: bool = True,
-    speed: float | str = SPEED,
-    look_ahead: float = LOOK_AHEAD,
+    speed: float | str = WAYPOINT_SPEED,
+    look_ahead: float = PURSUIT_AHEAD,
     pose_source: PoseSource | None = None,
     on_leg: Callable[[int, Point, Point], None] | None = None,
     source: CommandSource | None = None,

@@ -28,21 +28,21 @@ from txt1.tasks.on_map import MapInUse
 
 OFF_MAP: Final = 32.0
 """Cells by which a place off the map is deeper than its distance from the map's edge."""
-UNSEEN: Final = 0.03
+UNSEEN_OVERLAP: Final = 0.03
 """m by which a body may overlap floor that was not seen: the floor seen comes in cells."""
 LEAVING: Final = 0.4
 """m from the start and the goal within which their own clearance is enough."""
-LOOK: Final = 0.05
+ARC_CHECK_SPACING: Final = 0.05
 """m of a step between two checks of the body."""
 LATTICE: Final = 0.1
 """m between two places of the lattice."""
-STEP: Final = 0.3
+STEP_LENGTH: Final = 0.3
 """Length of a step, m: longer than a cell's diagonal, so that it leaves the cell."""
-CELL: Final = 0.2
+POSE_CELL: Final = 0.2
 """m, side of a cell of poses."""
 TURNS: Final = 18
 """Number of sectors of headings of these cells."""
-NARROW: Final = 0.8
+NARROW_REACH: Final = 0.8
 """m from the start within which a search in a narrow place takes short steps:"""
 SHORT_STEP: Final = 0.1
 """their length, m, longer than a diagonal of"""
@@ -62,9 +62,9 @@ CHANGE: Final = 0.5
 """m, the cost of a change of gear: a change takes time."""
 BEND: Final = 0.03
 """m, the additional cost of a step at full lock."""
-NEAR: Final = 2.0
+GOAL_NEAR: Final = 2.0
 """m from the goal within which a path to it is tried from each pose at first; elsewhere from one of this number:"""
-EVERY: Final = 10
+GOAL_TRY_STEP: Final = 10
 
 
 def depth_at(depth: Any, columns: int, rows: int, frame: Any, x: float, y: float) -> float:
@@ -141,15 +141,15 @@ def stands(grounds: Any, ends: Any, clear: float, x: float, y: float, theta: flo
         return False
     # farther away it will have been seen before the robot is there
     if unseen and gear < 0.0 and hypot(x - ends[0], y - ends[1]) < ends[6]:
-        return bool(has_room(behind, columns, rows, frame, body, x, y, theta, -UNSEEN))
+        return bool(has_room(behind, columns, rows, frame, body, x, y, theta, -UNSEEN_OVERLAP))
     return True
 
 
 def arc_is_free(
     grounds: Any, ends: Any, clear: float, x: float, y: float, theta: float, curvature: float, distance: float
 ) -> bool:
-    """Return whether the body keeps clear along an arc, checked every `LOOK` m, the end first."""
-    pieces = max(1, int(np.ceil(abs(distance) / LOOK - 1e-9)))
+    """Return whether the body keeps clear along an arc, checked every `ARC_CHECK_SPACING` m, the end first."""
+    pieces = max(1, int(np.ceil(abs(distance) / ARC_CHECK_SPACING - 1e-9)))
     # most steps that touch a wall touch it at the end
     for k in range(pieces):
         share = distance * ((pieces - k) / pieces)
@@ -216,8 +216,8 @@ def cell_of(x: float, y: float, theta: float, forward: bool, small: bool, square
         at += int(squares[2] * squares[3]) * TURNS
     else:
         turn = floor((theta + pi) / (2.0 * pi) * TURNS) % TURNS
-        i = min(max(floor((x - squares[0]) / CELL), 0), int(squares[2]) - 1)
-        j = min(max(floor((y - squares[1]) / CELL), 0), int(squares[3]) - 1)
+        i = min(max(floor((x - squares[0]) / POSE_CELL), 0), int(squares[2]) - 1)
+        j = min(max(floor((y - squares[1]) / POSE_CELL), 0), int(squares[3]) - 1)
         at = (j * int(squares[2]) + i) * TURNS + turn
     return int(2 * at + (1 if forward else 0))
 
@@ -292,17 +292,16 @@ def advance(
         keys, heap: the nodes to look at.
         closed: the cells that were looked at.
         counts: number of nodes, size of the heap, number of poses looked at, and number of poses since the last try.
-        spacing: a path is tried from one of this number of poses near the goal, and of `EVERY` times as many elsewhere.
-        expanded: the node that was returned last, -1 at first.
-        most: largest number of poses to look at.
+        spacing: a path is tried from one of this number of poses near the goal, and of `GOAL_TRY_STEP` times as many
+        elsewhere. expanded: the node that was returned last, -1 at first. most: largest number of poses to look at.
 
     """
     node, backward = expanded, BLIND if grounds[6] else BACKWARD
     while True:
         if node >= 0:
             x, y, theta, spent = poses[4 * node], poses[4 * node + 1], poses[4 * node + 2], poses[4 * node + 3]
-            short = narrow and hypot(x - ends[0], y - ends[1]) < NARROW
-            step = SHORT_STEP if short else STEP
+            short = narrow and hypot(x - ends[0], y - ends[1]) < NARROW_REACH
+            step = SHORT_STEP if short else STEP_LENGTH
             for k in range(6):
                 gear = 1.0 if k < 3 else -1.0
                 curvature = bend * (0.0 if k % 3 == 0 else (1.0 if k % 3 == 1 else -1.0))
@@ -314,7 +313,7 @@ def advance(
                 far = left[j * wide + i]
                 if far == inf:
                     continue
-                small = narrow and hypot(px - ends[0], py - ends[1]) < NARROW
+                small = narrow and hypot(px - ends[0], py - ends[1]) < NARROW_REACH
                 if closed[cell_of(px, py, turned, gear > 0.0, small, squares)]:
                     continue
                 if not arc_is_free(grounds, ends, clear, x, y, theta, curvature, gear * step):
@@ -337,7 +336,7 @@ def advance(
             node = pop(keys, heap, int(counts[1]))
             counts[1] -= 1
             x, y, theta = poses[4 * node], poses[4 * node + 1], poses[4 * node + 2]
-            short = narrow and hypot(x - ends[0], y - ends[1]) < NARROW
+            short = narrow and hypot(x - ends[0], y - ends[1]) < NARROW_REACH
             cell = cell_of(x, y, theta, steps[2 * node + 1] >= 0.0, short, squares)
             if not closed[cell]:
                 closed[cell] = 1
@@ -349,7 +348,11 @@ def advance(
         counts[2] += 1
         counts[3] += 1
         place = (floor(y / LATTICE + 0.5) - corner[1]) * wide + floor(x / LATTICE + 0.5) - corner[0]
-        if first or counts[3] >= EVERY * spacing or (not short and left[place] < NEAR and counts[3] >= spacing):
+        if (
+            first
+            or counts[3] >= GOAL_TRY_STEP * spacing
+            or (not short and left[place] < GOAL_NEAR and counts[3] >= spacing)
+        ):
             counts[3] = 0
             return node
 

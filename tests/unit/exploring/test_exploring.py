@@ -15,7 +15,7 @@ import pytest
 from txt1.cli import execute
 from txt1.errors import CommandRefused
 from txt1.exploring import explorer
-from txt1.exploring.frontiers import SAME, Frontier, View
+from txt1.exploring.frontiers import SAME_PLACE, Frontier, View
 from txt1.kernel.loop import run
 from txt1.maps import files
 from txt1.maps.grid import FREE
@@ -172,14 +172,14 @@ def test_a_frontier_looked_at_in_vain_is_tried_from_other_places_and_told(tmp_pa
     assert "a frontier is left at (" in (told := capsys.readouterr().err) and "looked there in vain" in told
     *views, _home = goals
     assert len(views) > 1
-    assert all(hypot(one[0] - other[0], one[1] - other[1]) >= SAME for one, other in combinations(views, 2))
+    assert all(hypot(one[0] - other[0], one[1] - other[1]) >= SAME_PLACE for one, other in combinations(views, 2))
 
 
 def test_a_frontier_with_one_place_to_look_from_is_tried_again_after_somebody_left(tmp_path, monkeypatch):
     drive, view, stood = explorer.go_to, explorer.best_view, []
 
     async def blocked_once(robot: Robot, goal: Pose, **options: Any) -> None:
-        if not any(hypot(goal[0] - x, goal[1] - y) < SAME for x, y, _ in stood):
+        if not any(hypot(goal[0] - x, goal[1] - y) < SAME_PLACE for x, y, _ in stood):
             stood.append(goal)
             raise CommandRefused("somebody stands there")
         await drive(robot, goal, **options)
