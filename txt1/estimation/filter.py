@@ -523,7 +523,7 @@ def outside(
 
 
 # m/s, standard deviation of the speed at the start: it may be driving already
-SPEED: Final = 0.5
+START_SPEED_SIGMA: Final = 0.5
 
 
 def late_by(belief: Belief, change: float) -> Belief:
@@ -592,7 +592,7 @@ def slip_unknown(belief: Belief, sigma: float, track_sigma: float) -> Belief:
     v, covariance = belief.mean[ROLLED] * (1.0 - belief.mean[SLIP]), belief.covariance
     covariance[SLIP:, :] = covariance[:, SLIP:] = 0.0
     covariance[SLIP, SLIP], covariance[WIDTH, WIDTH] = sigma**2, track_sigma**2
-    covariance[ROLLED, ROLLED] += SPEED**2
+    covariance[ROLLED, ROLLED] += START_SPEED_SIGMA**2
     x, y, theta, _, omega, bias, _, _ = belief.mean
     return belief_of((x, y, theta, v, omega, bias, 0.0, 0.0), covariance, belief.lean)
 
@@ -624,7 +624,7 @@ STEP_MAX: Final = 0.1
 # standard deviations of a rate's miss beyond which it is the motion that has changed
 TRACKS: Final = 2.0
 # turns over which the walk of the slip is averaged
-MEMORY: Final = 5
+TURNS_AVERAGED: Final = 5
 # standard deviation of a slip that has changed
 SLID: Final = 0.1
 # s without a reading of the place, after which slip walks further: the time of so many readings, within these bounds
@@ -692,7 +692,7 @@ class Walk:
         Covariance matching (A. H. Mohamed and K. P. Schwarz): the excess of the innovation's square over its
         expectation is added to the expectation.
         """
-        self._slips += (min(max(square, 0.0), SLID * SLID) / dt - self._slips) / MEMORY
+        self._slips += (min(max(square, 0.0), SLID * SLID) / dt - self._slips) / TURNS_AVERAGED
         # slip in curves looks like a wider track
         self._widths = 0.0 if self._exact else self._slips
         self.told = self._with(self._slips)

@@ -30,8 +30,8 @@ from txt1.estimation.filter import (
     SIZE,
     SLID,
     SLIP,
-    SPEED,
     SS,
+    START_SPEED_SIGMA,
     STEP_MAX,
     THETA,
     TRACKS,
@@ -62,10 +62,10 @@ from txt1.estimation.filter import (
     wandering,
     widened,
 )
-from txt1.estimation.hypotheses import LONGEST, USUAL_SLIP, Besides, Frame, Reckoning, aligned, bent
+from txt1.estimation.hypotheses import PICKS_GAP_MAX, USUAL_SLIP, Besides, Frame, Reckoning, aligned, bent
 from txt1.estimation.judging import (
     CHI99,
-    KEEPS,
+    KEEPS_FOR,
     MOVING,
     OTHER,
     SEVERAL,
@@ -100,7 +100,7 @@ YAW_RATE: Final = 0.5
 # rad/s, standard deviation of the gyro's bias at the start
 BIASED: Final = 0.02
 # s before the first step from which on readings count
-FIRST: Final = 0.04
+READINGS_BEFORE: Final = 0.04
 # s that a reading may be late
 HORIZON: Final = 0.5
 # rad from which a turn tells of the slip
@@ -110,7 +110,7 @@ FLOOR: Final = 2.0
 # m/s^2: rubber on a dry floor has 10, racing tyres some more
 HOLDS: Final = 15.0
 # standard deviation of the track width up to which it is exact, as a share
-KNOWN: Final = 0.01
+TRACK_KNOWN: Final = 0.01
 # of the wheels' way; more is no slip any more, but wheels that tell nothing
 SLIP_MAX: Final = 0.6
 # m/s, standard deviation of the speed of a robot that stands
@@ -177,8 +177,8 @@ class Fusion:
         start: the pose at the start and its standard deviations (m, m, rad), if they are known.
         gyro_scale: standard deviation of the share by which a gyro reads too much; 0: there is no gyro, or it is exact.
         track_sigma: standard deviation of the share by which the wheels turn more than the car, as their track width is
-            another than was measured. Up to `KNOWN` it is exact, and wheels that turn otherwise than a gyro tell of
-            their slip. Else they tell of the width, and never of the way.
+            another than was measured. Up to `TRACK_KNOWN` it is exact, and wheels that turn otherwise than a gyro tell
+            of their slip. Else they tell of the width, and never of the way.
         mounts: standard deviations of the place (m) and the delay (s) of sensors of positions, by name.
 
     """
@@ -201,13 +201,13 @@ class Fusion:
         self._frames = {name: Frame() for name, settings in sensors.items() if settings.tells_pose}
         # how much it slides outwards in curves, and the standard deviation of that, s^2/m, where nothing tells of it
         self.sideways = 0.0, drift.sideways
-        self._exact = track_sigma <= KNOWN
+        self._exact = track_sigma <= TRACK_KNOWN
         self.track_sigma = 0.0 if self._exact else track_sigma
         """Standard deviation of the track width at the start, as a share of it; 0: it is exact."""
         self._walk = Walk(drift, slip_sigma, exact=self._exact)
         self._judges = {name: Judge(name, settings) for name, settings in sensors.items()}
         pose, known = start or ((0.0,) * 3, (BEGUN,) * 3)
-        sigmas = np.array([*known, SPEED, YAW_RATE, BIASED, slip_sigma, self.track_sigma])
+        sigmas = np.array([*known, START_SPEED_SIGMA, YAW_RATE, BIASED, slip_sigma, self.track_sigma])
         # of the parameters of a belief's lean, those of each sensor of positions: ahead, left (m), and late (s)
         self._places_of: dict[str, int] = {}
         spreads = [gyro_scale] if gyro_scale else []
@@ -318,7 +318,7 @@ class Fusion:
             self._besides.fade(since)
         # nothing is known of how it moved before
         if self._base[1] < 0.0:
-            self._base = self._base[0], max(0.0, now - FIRST)
+            self._base = self._base[0], max(0.0, now - READINGS_BEFORE)
             for judge in self._judges.values():
                 judge.since = now
         groups: dict[tuple[str, Kind], tuple[Measurement, int]] = {}
@@ -654,7 +654,7 @@ class Fusion:
                 self._compare_frame(frame, entry, belief)
             likely = frame.moves or (judge.reason == MOVES and frame.probability > OTHER)
             # without wheels nothing tells
-            if likely and measurement.time - self._reckoning.until < LONGEST:
+            if likely and measurement.time - self._reckoning.until < PICKS_GAP_MAX:
                 return self._moving_frame(belief, entry, judge, frame, residual)
         if nis > gate:
             judge.fitting = 0
@@ -716,7 +716,7 @@ class Fusion:
             judge.jumped_at, judge.jumped = measurement.time, 0
         judge.jumped += 1
         others = any(each.settings.tells_pose for each in self._believed() if each is not judge)
-        if measurement.time - judge.jumped_at >= KEEPS and not others:
+        if measurement.time - judge.jumped_at >= KEEPS_FOR and not others:
             entry.wider = grown(measurement.rows, residual, 0.0)
             wide = widened(belief, entry.wider)
             wanted, h, leans = self._expect(wide, entry)

@@ -45,15 +45,15 @@ WINDOWS: Final[tuple[float, ...]] = (0.8, 1.6, 3.2)
 # s between two readings that are compared
 PICKED: Final = 0.1
 # readings
-ENOUGH: Final = 7
+READINGS_MIN: Final = 7
 # s for which the wheels miss the car's speed by the same
 PIECE: Final = 0.2
 # s of reckoning
-KEPT: Final = 2.0
+RECKONING_KEPT: Final = 2.0
 # s over which slip is averaged, to tell whether it has changed
 USUAL_FOR: Final = 10.0
 # s, the longest gap between two readings that are compared
-LONGEST: Final = 0.5
+PICKS_GAP_MAX: Final = 0.5
 # standard deviation of slip when wheels spin
 SLIPS: Final = 0.3
 # ... and when they do not
@@ -74,7 +74,7 @@ RECKONED: Final = 0.004
 # chi-square of two numbers at 99.9999 %
 REFUTED: Final = 27.6
 # standard deviations of a normal number at 99 %
-FITS: Final = 2.33
+QUANTILE_99: Final = 2.33
 
 
 class Spot(NamedTuple):
@@ -124,7 +124,7 @@ class Reckoning:
                 usual_x + usual * ahead, usual_y + usual * aside, v,
             ))
         )  # fmt: skip
-        while time - spots[0].time > KEPT:
+        while time - spots[0].time > RECKONING_KEPT:
             spots.popleft()
 
     @property
@@ -226,7 +226,7 @@ class Frame:
             (time, _, _, _, values, sigmas, _), belief = self._waiting.popleft()
             here_x, here_y, theta = belief.mean[:3]
             spot = reckoning.at(time)
-            if spot is None or (self._picks and time - self._picks[-1].time > LONGEST):
+            if spot is None or (self._picks and time - self._picks[-1].time > PICKS_GAP_MAX):
                 self._stands()
                 self._picks.clear()
             if spot is not None:
@@ -260,7 +260,7 @@ class Frame:
         all_picks, end = self._picks, self._picks[-1].time if self._picks else 0.0
         first = bisect_left(all_picks, end - span - 1e-6, key=itemgetter(0))
         count = len(all_picks) - first
-        if count < ENOUGH or end - all_picks[0].time < 0.9 * span or _agrees(all_picks[first], all_picks[-1]):
+        if count < READINGS_MIN or end - all_picks[0].time < 0.9 * span or _agrees(all_picks[first], all_picks[-1]):
             return False, 0.0
         picks = list(islice(all_picks, first, None))
         if _misturned(picks):
@@ -291,7 +291,7 @@ class Frame:
         car, car_unlikely = _misfit(left, np.delete(rows, (7, 8), 0), [*shared, *slips])
         free = 2 * count - 2
         # Wilson and Hilferty's quantile of chi-square
-        limit = free * (1.0 - 2.0 / (9.0 * free) + FITS * sqrt(2.0 / (9.0 * free))) ** 3
+        limit = free * (1.0 - 2.0 / (9.0 * free) + QUANTILE_99 * sqrt(2.0 / (9.0 * free))) ** 3
         odds = OTHER / (1.0 - OTHER) * exp(min(0.5 * (car_unlikely - frame_unlikely), 100.0))
         return car - frame > REFUTED and frame < limit < car, odds / (1.0 + odds)
 
@@ -428,9 +428,9 @@ def bent(variance: float) -> float:
 ALIGNED: Final = 0.25
 
 # pairs that a frame is found from
-LEAST: Final = 5
+PAIRS_MIN: Final = 5
 # sigma from where a fit has it, beyond which a position is left out: 99.9 % of two numbers
-FAR: Final = 3.7
+LEFT_OUT_SIGMA: Final = 3.7
 
 
 def aligned(
@@ -442,11 +442,11 @@ def aligned(
 
     Least squares in closed form, S. Umeyama, PAMI 13(4), 1991, in the plane and without scale: with both centred,
     turn = atan2(sum p x z, sum p . z). Its variance is sigma^2 / sum |p|^2, that of the centre sigma^2 / n. Each pair
-    is p, z and sigma; `leans` are how each p leans. Pairs that are left more than `FAR` sigma away are left out, the
-    farthest first (trimmed least squares, P. J. Rousseeuw, JASA 79, 1984).
+    is p, z and sigma; `leans` are how each p leans. Pairs that are left more than `LEFT_OUT_SIGMA` sigma away are left
+    out, the farthest first (trimmed least squares, P. J. Rousseeuw, JASA 79, 1984).
     """
     kept, used = np.array(list(pairs)), np.arange(len(pairs))
-    while len(kept) >= LEAST:
+    while len(kept) >= PAIRS_MIN:
         cx, cy, dx, dy, _ = middle = kept.mean(axis=0)
         px, py, zx, zy, _ = (kept - middle).T
         turn = atan2(float(px @ zy - py @ zx), float(px @ zx + py @ zy))
@@ -454,7 +454,7 @@ def aligned(
         sigmas = kept[:, 4]
         left = np.hypot(zx - c * px + s * py, zy - s * px - c * py) / sigmas
         worst = int(left.argmax())
-        if left[worst] > FAR:
+        if left[worst] > LEFT_OUT_SIGMA:
             kept, used = np.delete(kept, worst, axis=0), np.delete(used, worst)
             continue
         spread, variance = float(px @ px + py @ py), float(np.mean(sigmas**2))

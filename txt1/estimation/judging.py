@@ -17,7 +17,7 @@ A sixth is in `hypotheses`.
 4. **Jump.** A reading that does not agree with its sensor's own last one, as nothing moves so fast, has two
    explanations: the sensor's frame has jumped, or the robot was carried away. Readings are left out, while the estimate
    tells the covariance of both hypotheses (Bar-Shalom, Li, Kirubarajan 2001, 1.4.16). They are taken in again when
-   they are back, or, if no other sensor tells the place, after `KEEPS` without another leap: then the robot was
+   they are back, or, if no other sensor tells the place, after `KEEPS_FOR` without another leap: then the robot was
    carried.
 
 The fifth rule: three witnesses of the yaw rate vote, and an absolute position overrules the wheels.
@@ -44,7 +44,7 @@ from txt1.estimation.settings import Trust
 from txt1.model.kinematics import wrap_angle
 
 # s for which readings fit before a sensor that failed is believed again,
-FITS: Final = 0.5
+FITS_FOR: Final = 0.5
 # and at least so many of them
 FITTING: Final = 3
 # equal readings in a row of a sensor that stands still
@@ -54,7 +54,7 @@ SAME_COUNTS: Final = 25
 # m/s from which a position that stays the same stands still
 MOVING: Final = 0.1
 # readings over which a sensor's misses are averaged
-MEMORY: Final = 25
+MISSES_AVERAGED: Final = 25
 # s over which the misses of positions are averaged
 MISSED_FOR: Final = 4.0
 # m/s, more than a robot moves at, driven or carried
@@ -62,11 +62,11 @@ MOVES_BY: Final = 5.0
 # rad/s, likewise
 TURNS_BY: Final = 10.0
 # standard deviations that the difference of two readings may have besides
-NOISE: Final = 3.5
+DIFFERENCE_SIGMA: Final = 3.5
 # the same of one reading's
-APART: Final = NOISE * sqrt(2.0)
+APART: Final = DIFFERENCE_SIGMA * sqrt(2.0)
 # s for which a sensor of the place stays where it jumped to, and is believed again
-KEEPS: Final = 5.0
+KEEPS_FOR: Final = 5.0
 # s in which it is forgotten what may have moved the pose: an overruled reckoning, a gyro, a frame; chosen
 FORGOTTEN: Final = 10.0
 # probability of the other hypothesis: that a jump was the robot's, that a sensor drifts away
@@ -155,7 +155,7 @@ class Judge:
 
     def surprised(self, nis: float, count: int) -> None:
         """Note a reading's NIS and the count of its numbers."""
-        self.surprise += ((nis / count if nis < 100.0 * count else 100.0) - self.surprise) / MEMORY
+        self.surprise += ((nis / count if nis < 100.0 * count else 100.0) - self.surprise) / MISSES_AVERAGED
 
     def leapt(self, measurement: Measurement, *, fits: bool) -> bool:
         """Note a reading of the pose; return whether no car can have moved so far since the last reading.
@@ -210,7 +210,7 @@ class Judge:
         if self.fitting == 0:
             self.fitting_since = time
         self.fitting += 1
-        return self.fitting >= FITTING and time - self.fitting_since >= FITS
+        return self.fitting >= FITTING and time - self.fitting_since >= FITS_FOR
 
     def doubt(self, reason: str) -> str:
         """Disbelieve the sensor; return a message if it was believed before."""
@@ -230,9 +230,9 @@ class Judge:
 
 WINDOW: Final = 0.3  # s
 # s that an absolute reading may be old
-FRESH: Final = 0.5
+READING_AGE_MAX: Final = 0.5
 # cycles
-ENOUGH: Final = 8
+CYCLES_MIN: Final = 8
 # s by which a reading may be late and be a witness of how the car moves now
 STALE: Final = 0.1
 # s of a piece of a path by positions, at least
@@ -244,7 +244,7 @@ YAW: Final = 0.08
 # rad/s at 1 m/s, of tyres that differ by 1 %
 TYRES: Final = 0.04
 # m/s, of noise
-SPEED: Final = 0.15
+SLIDING_SPEED: Final = 0.15
 
 
 class WitnessValues(NamedTuple):
@@ -283,7 +283,7 @@ class Vote:
         """Take in a cycle."""
         cycles, time = self._cycles, cycle.time
         cycles.append(cycle)
-        while time - cycles[0].time > WINDOW + FRESH:
+        while time - cycles[0].time > WINDOW + READING_AGE_MAX:
             cycles.popleft()
 
     def place(self, measurement: Measurement) -> None:
@@ -312,14 +312,14 @@ class Vote:
             return False, False
         end = self._cycles[-1].time
         begin, seen = end - WINDOW, None
-        fresh = [places for places in self._places.values() if end - places[-1].time <= FRESH]
+        fresh = [places for places in self._places.values() if end - places[-1].time <= READING_AGE_MAX]
         if fresh:
             places = min(fresh, key=lambda each: each[-1].sigmas[0])
             seen = _seen(places)
             if seen is not None:
                 begin, end = places[0].time, places[-1].time
         cycles = [each for each in self._cycles if begin < each[0] <= end]
-        if len(cycles) < ENOUGH:
+        if len(cycles) < CYCLES_MIN:
             return False, False
         _, speeds, turns, gyros, steerings = zip(*cycles, strict=True)
         v, wheels, gyro, third = sum(speeds) / len(cycles), sum(turns) / len(cycles), _mean(gyros), _mean(steerings)
@@ -328,7 +328,7 @@ class Vote:
         if seen is not None:
             speed, sigma, turning, uncertain = seen
             v_share = SHARE * max(speed, abs(v))
-            sliding = abs(speed - abs(v)) > SPEED + v_share + 4.0 * sigma
+            sliding = abs(speed - abs(v)) > SLIDING_SPEED + v_share + 4.0 * sigma
             if turning is not None:
                 third, noise = turning, YAW + 4.0 * uncertain
         if gyro is None or third is None or _agree(gyro, wheels, v, YAW):

@@ -69,11 +69,11 @@ SIGMAS: Final[dict[type, dict[Quantity, float]]] = {
 # s, the longest period in which a car's acceleration moves it by less than a tracker's noise
 FAST: Final = 0.012
 # threes of readings over which its noise is averaged
-MEMORY: Final = 100
+NOISE_AVERAGED: Final = 100
 # of the first guess, below which no noise is believed: errors that last, as of a lens
-LEAST: Final = 0.25
+NOISE_SHARE_MIN: Final = 0.25
 # sigma, beyond which a difference is an outlier
-FAR: Final = 3.0
+OUTLIER_SIGMA: Final = 3.0
 
 USUAL: Final[dict[type, tuple[Quantity, ...]]] = {
     ImuReading: ("omega",),
@@ -92,7 +92,7 @@ class LearnedNoise:
     def __init__(self, sigmas: Sequence[float]) -> None:
         self.sigmas = tuple(sigmas)
         """The standard deviations that are believed; those at the start are the first guess."""
-        self._least = [(LEAST * each) ** 2 for each in sigmas]
+        self._least = [(NOISE_SHARE_MIN * each) ** 2 for each in sigmas]
         self._variances = [each * each for each in sigmas]
         self._times = (-1.0, -1.0)
         self._last: tuple[Sequence[float], Sequence[float]] = ((), ())
@@ -108,9 +108,9 @@ class LearnedNoise:
         bends = [now - last - (last - before) for now, last, before in zip(values, two, one, strict=True)]
         bends[2] = wrap_angle(bends[2])
         for place, (bend, variance) in enumerate(zip(bends, self._variances, strict=True)):
-            square, most = bend * bend / 6.0, FAR * FAR * variance
+            square, most = bend * bend / 6.0, OUTLIER_SIGMA * OUTLIER_SIGMA * variance
             # also when it is not a number
-            found = variance + ((square if square < most else most) - variance) / MEMORY
+            found = variance + ((square if square < most else most) - variance) / NOISE_AVERAGED
             self._variances[place] = found if found > self._least[place] else self._least[place]
         self.sigmas = tuple(map(sqrt, self._variances))
 

@@ -41,7 +41,7 @@ VOTES: Final = 5
 PRIORITY: Final = -1
 ENCODERS: Final = "encoders"
 # s for which the encoders are silent and nothing is asked of a robot that stands
-REST: Final = 0.5
+REST_TIME: Final = 0.5
 # rad/s of the steering; assumed
 SERVO_RATE: Final = 7.0
 # m/s by which the encoders miss besides their counts: the floor and the tyres; assumed
@@ -75,7 +75,7 @@ ROOT_6: Final = sqrt(6.0)
 # readings
 GYRO_KEPT: Final = 1000
 # s, the longest between two of its readings that are integrated
-GAP: Final = 0.1
+GYRO_GAP_MAX: Final = 0.1
 # m/s, the standard deviation up to which the loops are given a speed
 V_USABLE: Final = 0.1
 # rad/s, likewise
@@ -300,7 +300,7 @@ class Estimator:
         The error of whole counts does not grow with the turn, and the errors of single cycles cancel: over a second
         the wheels tell a gyro's bias three times as well as their yaw rates do. A car that stands does not turn at all.
         """
-        turning, now, still = self._turning, self._read, self._still >= REST
+        turning, now, still = self._turning, self._read, self._still >= REST_TIME
         begin, angle = now - dt, 0.0
         if turning is not None and begin <= turning.end + 0.5 * dt:
             if turning.still is still:
@@ -316,12 +316,12 @@ class Estimator:
 
     def _give_turn(self, turning: Turning) -> None:
         begin, end, angle, still = turning
-        near = [each for each in self._gyro if begin - GAP < each[0] < end + GAP]
-        if len(near) < TURN_READINGS or end - begin < GAP:
+        near = [each for each in self._gyro if begin - GYRO_GAP_MAX < each[0] < end + GYRO_GAP_MAX]
+        if len(near) < TURN_READINGS or end - begin < GYRO_GAP_MAX:
             return
         times, rates = np.array(near).T
         inside = (times > begin) & (times < end)
-        if times[0] > begin or times[-1] < end or np.diff(times).max() > GAP:
+        if times[0] > begin or times[-1] < end or np.diff(times).max() > GYRO_GAP_MAX:
             return
         at = np.concatenate(((begin,), times[inside], (end,)))
         turning_at = np.interp(at, times, rates)
@@ -369,7 +369,7 @@ class Estimator:
         given = middle - settings.delay, ENCODERS, KIND_ENCODERS, rows, values, sigmas, (0.0, 0.0)
         self._give(new(Measurement, given))
         self._still = self._still + dt if v == 0.0 == omega and wheels.setpoint == 0.0 else 0.0
-        if self._still >= REST:
+        if self._still >= REST_TIME:
             self.fusion.rest(middle)
 
     def _steer(self, steering: float | None, dt: float) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.examples import examples
 from txt1.estimation.fusion import HORIZON, Fusion
-from txt1.estimation.judging import KEEPS, Belonging, WitnessValues
+from txt1.estimation.judging import KEEPS_FOR, Belonging, WitnessValues
 from txt1.estimation.sensors import Kind, Measurement
 from txt1.model.estimate import Estimate
 from txt1.model.kinematics import wrap_angle
@@ -236,7 +236,7 @@ def test_a_position_that_jumps_is_left_out_and_the_estimate_tells_both_hypothese
     drive.go(10.0)
     sure = drive.estimate.sigma(0)
     jump = lambda m: m._replace(values=(m.values[0] + 1.0, *m.values[1:])) if m.sensor == "vicon" else m  # noqa: E731
-    drive.go(KEEPS - 1.0, jump)
+    drive.go(KEEPS_FOR - 1.0, jump)
     assert drive.trust("vicon") == (False, "has jumped")
     assert drive.error()[0] < 0.1
     assert drive.estimate.sigma(0) > 1.0 / 3.0 > sure
@@ -256,7 +256,7 @@ def test_a_heading_alone_that_jumps_may_be_the_robots_that_was_turned() -> None:
     assert drive.estimate.sigma(2) > 1.0 / 3.0 > sure
     # of the place it says nothing
     assert drive.estimate.sigma(0) < 0.1
-    drive.go(KEEPS, turn)
+    drive.go(KEEPS_FOR, turn)
     assert drive.trust("compass") == (True, "")
     assert drive.error()[1] == pytest.approx(1.0, abs=0.05)
     assert "'compass' stays elsewhere: the robot was carried there" in drive.fusion.changes
@@ -266,7 +266,7 @@ def test_a_robot_carried_unseen_is_found_where_the_only_sensor_has_it() -> None:
     drive = Drive()
     drive.go(10.0)
     carried = lambda m: m._replace(values=(m.values[0] + 1.0, *m.values[1:])) if m.sensor == "vicon" else m  # noqa: E731
-    drive.go(KEEPS + 0.5, carried)
+    drive.go(KEEPS_FOR + 0.5, carried)
     assert drive.trust("vicon") == (True, "")
     assert drive.error()[0] == pytest.approx(1.0, abs=0.01)
     assert any("was carried there" in each for each in drive.fusion.changes)
@@ -317,7 +317,7 @@ def test_a_frame_that_moves_as_no_car_slips_is_found_out_and_the_pose_put_back()
     assert "its frame moves" in drive.trust("vicon")[1]
     assert drive.error()[0] < 0.1 * 0.3 * 5.0, "a tenth of the frame's way"
     assert 3.0 * drive.estimate.sigma(0) > drive.error()[0]
-    drive.go(KEEPS + 1.0)
+    drive.go(KEEPS_FOR + 1.0)
     assert drive.trust("vicon") == (True, "")
     assert drive.error()[0] < 0.01
 
@@ -350,7 +350,7 @@ def test_a_frame_that_stands_is_believed_again_without_wheels_too(wheels: tuple[
     drive.go(3.0, aside)
     assert not drive.trust("vicon")[0]
     failing = lambda m: (wheels and m._replace(values=wheels)) if m.sensor == "encoders" else aside(m, 3.0)  # noqa: E731
-    drive.go(KEEPS + 2.0, failing)
+    drive.go(KEEPS_FOR + 2.0, failing)
     assert drive.trust("vicon") == (True, "")
 
 
