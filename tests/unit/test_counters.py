@@ -111,6 +111,16 @@ def test_a_period_names_its_subject() -> None:
     assert [file for file in files if vague.search(file.read_text("utf-8"))] == []
 
 
+def test_a_name_of_a_number_does_not_stand_for_many_things() -> None:
+    where: dict[str, list[str]] = {}
+    for file in sorted((size.ROOT / "txt1").rglob("*.py")):
+        for name in re.findall(r"(?m)^([A-Z][A-Z0-9_]*)(?:: \w+)? = -?[\d.]", file.read_text("utf-8")):
+            where.setdefault(name, []).append(str(file.relative_to(size.ROOT)))
+    assert len(where) > 800
+    # each format has a version
+    assert {name: files for name, files in where.items() if len(files) > 3 and name != "VERSION"} == {}
+
+
 def test_what_is_compiled_is_there() -> None:
     (named,) = re.findall(r"(?s)^MODULES = (\{.*?^\})", (size.ROOT / "setup.py").read_text("utf-8"), re.MULTILINE)
     modules = [f"txt1/{package}/{name}.py" for package, names in ast.literal_eval(named).items() for name in names]
