@@ -438,7 +438,8 @@ TUNING = f"""\
 ## Tuning
 
 [`txt1 tune`](../calibrate.md) identifies the vehicle from its encoders and chooses gains. Old and new gains then drive
-both step tests, {REPEATS} seeds each. The overshoot is what is added, in % of the step, where it is most of its error.
+both step tests, {REPEATS} seeds each. Overshoot: the largest addition, by its standard errors,
+and ± one of these, in % of the step.
 """
 
 ALONE: Final = {"battery-run": battery_runs, "Tuning": tunings}  # sections that need nothing of the others

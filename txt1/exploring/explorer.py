@@ -50,10 +50,10 @@ MAPPED: Final = 2.0
 """s until what it sees is on the map."""
 OFTEN: Final = 3
 """Number of times that it drives to the same frontier, which may come again as the map changes."""
-PASSES: Final = 20.0
+WAY_PATIENCE: Final = 20.0
 """s that it waits where no way leads to a frontier, as somebody may stand in it,"""
-LOOKS: Final = 4.0
-"""s between its looks."""
+WAY_CHECK_PERIOD: Final = 4.0
+"""s between its looks for a way."""
 AWAITS: Final = 30.0
 """s that it waits for a pose."""
 BACK: Final = (0.0, 0.1, 0.2, 0.3, 0.5)
@@ -133,14 +133,22 @@ class Explorer:
 
     async def _soon(self) -> View | None:
         """Return the next view, for which it waits where no way leads to a frontier; None: there is none."""
-        ends = self._robot.now + PASSES
-        while (view := await self._next()) is None and self._robot.now < ends:
-            room = self._floor.floor()
-            assert room is not None and room.walls is not None
-            if not any(self._may_try(each) for each in frontiers(room.walls.grid)):
+        began, told = self._robot.now, False
+        while (view := await self._next()) is None and self._robot.now < began + WAY_PATIENCE:
+            if not any(self._may_try(each) for each in await self._every()):
                 break
-            await asyncio.sleep(LOOKS)
+            if not told:
+                told = True
+                self._robot.tell(f"no way leads to a frontier now: waits for one, {WAY_PATIENCE:.0f} s at most")
+            await asyncio.sleep(WAY_CHECK_PERIOD)
         return view
+
+    async def _every(self) -> list[Frontier]:
+        """Return all frontiers of the map, found in a thread: a large map takes longer than a cycle."""
+        room = self._floor.floor()
+        assert room is not None and room.walls is not None
+        grid = room.walls.grid
+        return await in_thread(lambda: frontiers(grid))
 
     async def _next(self) -> View | None:
         """Return the cheapest view of a frontier that may be tried; None: there is none."""
@@ -191,10 +199,8 @@ class Explorer:
                 (before.why for before in reversed(self._before(each)) if before.why), "it comes again and again"
             )
             told.append(f"a frontier is left at {_at(each)}: {why}")
-        room = self._floor.floor()
-        assert room is not None and room.walls is not None
         known = [each.middle for each in left]
-        return told, [each for each in frontiers(room.walls.grid) if each.middle not in known]
+        return told, [each for each in await self._every() if each.middle not in known]
 
     async def _look(self, view: View) -> None:
         """Drive to a view, and note what came of it."""

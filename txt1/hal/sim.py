@@ -65,12 +65,14 @@ class SimHal(PlainHal):
 
     async def open(self) -> None:
         """Start with neutral outputs."""
-        self.write(NEUTRAL, self.vehicle.time)
+        # not the write of a class made from this one, which may need an open device
+        SimHal.write(self, NEUTRAL, self.vehicle.time)
         self.world.expect(self.vehicle, clock_of(asyncio.get_running_loop()))
 
     async def close(self) -> None:
         """Leave the outputs neutral."""
-        self.write(NEUTRAL, self.vehicle.time)
+        # not the write of a class made from this one, which may need an open device
+        SimHal.write(self, NEUTRAL, self.vehicle.time)
 
     def others(self) -> tuple[tuple[float, float, float], ...]:
         """The poses of the other vehicles in the world, m and rad."""
