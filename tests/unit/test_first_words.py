@@ -44,7 +44,6 @@ def test_completion_knows_commands_and_their_options(shell: str, capsys: pytest.
         assert ended.stdout.split() == ["experiment"]
 
 
-@pytest.mark.long
 def test_the_demo_shows_all_its_steps_and_what_to_type(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert execute(["demo", "--out", str(tmp_path / "demo"), "--seed", "1"]) == 0
     told = capfd.readouterr().out
