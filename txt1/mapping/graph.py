@@ -134,17 +134,21 @@ class Graph:
         if begun:
             each[begun - 1] = ENDLESS_WAY
         along = np.concatenate(([0.0], np.cumsum(each)))
-        lengths: Array = np.abs(along - along[node])
+        # between the ends of loops nothing is to be decided
+        ends, places = np.unique(np.concatenate((loop["first"], loop["second"], [node])), return_inverse=True)
+        first, second = places[:-1].reshape(2, -1)
+        lengths: Array = np.abs(along[ends] - along[node])
         rounds = 0
         while True:
             before, rounds = lengths.copy(), rounds + 1
-            for one, other in (("first", "second"), ("second", "first")):
-                np.minimum.at(lengths, loop[one], before[loop[other]] + 0.5)
+            np.minimum.at(lengths, first, before[second] + 0.5)
+            np.minimum.at(lengths, second, before[first] + 0.5)
             if (lengths > before - 1e-6).all():
-                return Ways(node, lengths, along, rounds)
-            # along the nodes, forward and backward
-            lengths = np.minimum.accumulate(lengths - along) + along
-            lengths = np.minimum.accumulate((lengths + along)[::-1])[::-1] - along
+                break
+            lengths = _spread(lengths, along[ends])
+        every = np.full(len(along), np.inf)
+        every[ends] = lengths
+        return Ways(node, _spread(every, along), along, rounds)
 
     def covariances(self, ways: Ways, wanted: Any) -> Array:
         """Return the covariances along ways, (n, 3, 3) in m^2 and rad^2: those of x, y and theta of their node where
@@ -155,19 +159,22 @@ class Graph:
         here, there = (np.concatenate((loop[a], loop[b])) for a, b in (("first", "second"), ("second", "first")))
         taken = lengths[here] > lengths[there] + 0.5 - SAME_WAY
         here, there, over = here[taken], there[taken], np.concatenate((over, over))[taken]
-        ends = _ends(lengths, ways.along, np.append(here, ways.node))
+        # the nodes that matter, and which of them is which
+        nodes, places = np.unique(np.concatenate((here, there, [ways.node], wanted)), return_inverse=True)
+        here, there, node, asked = np.split(places, np.cumsum((len(here), len(there), 1)))
+        ends = _ends(lengths[nodes], ways.along[nodes], np.append(here, node))
+        sums = self._sums[nodes]
         # of each end of a loop that a way leads over
-        known = np.zeros((len(lengths), 3, 3))
-
-        def covariances(nodes: Any) -> Array:
-            sign = np.sign(nodes - ends[nodes])[:, None, None]
-            return np.asarray(known[ends[nodes]] + sign * (self._sums[nodes] - self._sums[ends[nodes]]))
-
+        known = np.zeros((len(nodes), 3, 3))
+        # from that end along the nodes
+        sign = np.sign(np.arange(len(nodes)) - ends)[:, None, None]
+        behind = sign * (sums - sums[ends])
+        before, more = ends[there], behind[there] + over
         for _ in range(ways.rounds):
-            known[here] = covariances(there) + over
+            known[here] = known[before] + more
         x, y, _ = self.poses[ways.node]
         moves = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
-        return np.asarray(moves @ covariances(np.asarray(wanted)) @ moves.T)
+        return np.asarray(moves @ (known[ends[asked]] + behind[asked]) @ moves.T)
 
     def _moved(self, edges: NDArray[Any]) -> Array:
         """Return how each edge's covariance moves a node behind it that lies at the origin, (n, 3, 3)."""
@@ -235,6 +242,12 @@ class Graph:
             if bend == BENT and np.abs(step).max() < SETTLED_STEP:
                 break
         self.refresh()
+
+
+def _spread(lengths: Array, along: Array) -> Array:
+    """Return the lengths of ways after going along the nodes, forward and backward."""
+    lengths = np.minimum.accumulate(lengths - along) + along
+    return np.asarray(np.minimum.accumulate((lengths + along)[::-1])[::-1] - along)
 
 
 def _ends(ways: Array, along: Array, ends: Any) -> NDArray[np.int64]:
