@@ -37,8 +37,8 @@ UNMEASURED_INFORMATION: Final = 1e-5
 """Trace of an edge's information below which it joins its nodes without a measurement."""
 SAME_WAY: Final = 1e-5
 """m by which sums of the same lengths may differ."""
-SETTLED_STEP: Final = 1e-4
-"""m and rad: iteration ends when poses move less."""
+SETTLED_SHARE: Final = 1e-3
+"""Share of the sum of squares: iteration ends when a round takes away less."""
 
 EDGE: Final = np.dtype(
     [
@@ -194,25 +194,32 @@ class Graph:
         error[:, 2] = wrapped(error[:, 2])
         return seen, error
 
-    def optimise(self, rounds: int = 20) -> None:
-        """Move the poses so that they fit all edges best; the first pose stays."""
+    def optimise(self, held: int = 0, rounds: int = 20) -> None:
+        """Move the poses so that they fit all edges best; those up to the node `held` stay."""
         from scipy.sparse import csc_matrix
         from scipy.sparse.linalg import splu
 
-        edges = self.edges
+        edges = self.edges[np.maximum(self.edges["first"], self.edges["second"]) > held]
         if not edges["loop"].any():
             return
-        first, second, bent = edges["first"], edges["second"], edges["loop"]
-        size = 3 * len(self.poses)
-        damping, bend = 1e-9, np.inf
+        poses, bent = self.poses[held:], edges["loop"]
+        # all that stay are one
+        first, second = (np.maximum(edges[end] - held, 0) for end in ("first", "second"))
+        size = 3 * len(poses)
+        damping, bend, before = 1e-9, np.inf, np.inf
         for _ in range(rounds):
             seen, error = self._errors(edges)
             information = edges["information"]
             chi = np.einsum("ni,nij,nj->n", error, information, error)
             bend = max(BENT, min(bend / SHRINKS, 2.0 * float(chi[bent].max())))
+            total = float(np.where(bent, bend * chi / (bend + chi), chi).sum())
+            if bend == BENT and total >= (1.0 - SETTLED_SHARE) * before:
+                break
+            before = total if bend == BENT else np.inf
             weight = np.where(bent, (bend / (bend + chi)) ** 2, 1.0)
             information = information * weight[:, None, None]
-            cosine, sine = np.cos(self.poses[first, 2]), np.sin(self.poses[first, 2])
+            angles = self.poses[edges["first"], 2]
+            cosine, sine = np.cos(angles), np.sin(angles)
             count = len(first)
             back = np.zeros((count, 3, 3))
             back[:, 0, 0], back[:, 0, 1], back[:, 1, 0], back[:, 1, 1], back[:, 2, 2] = cosine, sine, -sine, cosine, 1.0
@@ -226,21 +233,19 @@ class Graph:
             np.add.at(gradient, places, np.einsum("nij,nj->ni", weighted, error))
             rows = np.repeat(places, 6, axis=1).ravel()
             columns = np.tile(places, (1, 6)).ravel()
-            held = np.arange(3)
+            fixed = np.arange(3)
             matrix = csc_matrix(
                 (
                     np.concatenate((blocks.reshape(-1), np.full(3, 1e9), np.full(size, damping))),
-                    (np.concatenate((rows, held, np.arange(size))), np.concatenate((columns, held, np.arange(size)))),
+                    (np.concatenate((rows, fixed, np.arange(size))), np.concatenate((columns, fixed, np.arange(size)))),
                 ),
                 shape=(size, size),
             )
             # it is positive definite: without pivots the order that keeps the factors sparse stays
             factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-            step = factors.solve(-gradient)
-            self.poses[:] += step.reshape(-1, 3)
-            self.poses[:, 2] = wrapped(self.poses[:, 2])
-            if bend == BENT and np.abs(step).max() < SETTLED_STEP:
-                break
+            step = factors.solve(-gradient).reshape(-1, 3)
+            poses[1:] += step[1:]
+            poses[:, 2] = wrapped(poses[:, 2])
         self.refresh()
 
 

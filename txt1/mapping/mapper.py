@@ -10,7 +10,8 @@ the scan becomes a keyframe: a node of the graph, with an edge from the keyframe
 *Loops.* The older keyframes are joined in chunks. Whenever there are some new keyframes, they are joined and matched
 with the nearest chunks, in a window of three standard deviations of the way through the graph between them. A cloud of
 several scans is far harder to mistake than a single scan. A good match becomes an edge that closes a loop. If the edge
-contradicts the graph, the graph is optimised (`graph`).
+contradicts the graph, the graph is optimised from the first node of its new loops on, and all of it in the end
+(`graph`).
 
 *Certainty.* An edge's covariance is what odometry may have erred by since the keyframe before, less what the scans
 matched since then say about each direction. A scan that fits nowhere says nothing, so the covariance grows at once. The
@@ -101,6 +102,8 @@ class Matching:
     """Score from which a chunk may close a loop, for a window without width."""
     wide: float = 0.04
     """Increase of this score per m of the window: among more poses one fits more easily by chance."""
+    often: int = 32
+    """Number of times that a keyframe is optimised while driving, in the mean: this bounds the time."""
     rounds: int = 2
     """Number of times that places passed again are matched again in the end."""
     pair: int = 2
@@ -166,7 +169,9 @@ class Mapper:
         self._origin = np.zeros(3)
         self._chunks: dict[int, tuple[LocalMap, SeenWalls]] = {}
         self._looked = 0
-        self._unsettled = 0
+        # loops since the graph was optimised, the first node that they reach, and whether it must be optimised
+        self._unsettled, self._bent, self._due = 0, 0, False
+        self._optimised = 0
         self._old, self._found = 0, False
         self._seen: Array | None = None
         self.local_covariance = FLOOR.copy()
@@ -357,14 +362,19 @@ class Mapper:
             return 0
         contradicted, closed = 0.0, 0
         for chunk in near:
+            middle = int(middles[chunk])
             found = self._closed(int(chunk), query, (0.3 + wrong[chunk], radians(3.0) + turned[chunk]))
             if found is not None:
-                contradicted = max(contradicted, self.graph.link(int(middles[chunk]), new, *found[:2], True))
+                contradicted = max(contradicted, self.graph.link(middle, new, *found[:2], True))
+                self._bent = min(self._bent, middle)
                 closed += 1
         self._unsettled += closed
-        if contradicted > CONTRADICTS or self._unsettled > 20:
-            self.graph.optimise()
-            self._unsettled = 0
+        self._due = self._due or contradicted > CONTRADICTS or self._unsettled > 20
+        if self._due and self._optimised < matching.often * new:
+            # what lies before the loops stays, so the time is that of the loops and not of the whole way
+            self.graph.optimise(self._bent)
+            self._optimised += new - self._bent
+            self._unsettled, self._bent, self._due = 0, new, False
             self._pose = self.graph.poses[new].copy()
         if closed:
             self._behind = self._along_ways()

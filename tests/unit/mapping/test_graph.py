@@ -3,8 +3,9 @@
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, linalg
 from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.linalg import splu
 
 from txt1.mapping.graph import Graph
 from txt1.mapping.poses import composed, difference
@@ -49,6 +50,33 @@ def test_a_wrong_loop_says_little_against_all_others():
     graph.link(12, 30, np.array([0.1, 0.0, 0.0]), INFORMATION, True)
     graph.optimise()
     assert np.abs(graph.poses - good)[:, :2].max() < 0.05
+
+
+def test_nodes_up_to_the_held_one_stay_and_the_others_fit_their_loops():
+    graph, true = square(0.01)
+    # the first side and the corner are where they should be
+    graph.poses[:] = composed(true[11], difference(graph.poses[11].copy(), graph.poses))
+    before = graph.poses.copy()
+    for k in range(11, 16):
+        graph.link(k, k + 25, difference(true[k], true[k + 25]), INFORMATION, True)
+    graph.optimise(11)
+    assert np.array_equal(graph.poses[:12], before[:12])
+    off, was = (np.abs(poses - true)[12:, :2].max() for poses in (graph.poses, before))
+    assert off < 0.5 * was
+
+
+def test_loops_far_from_the_beginning_take_the_time_of_their_own_way(monkeypatch):
+    sizes = []
+
+    def factorised(matrix, **options):
+        sizes.append(matrix.shape[0] // 3)
+        return splu(matrix, **options)
+
+    monkeypatch.setattr(linalg, "splu", factorised)
+    graph, true = square(0.01)
+    graph.link(30, 40, difference(true[30], true[40]), INFORMATION, True)
+    graph.optimise(30)
+    assert set(sizes) == {11}
 
 
 def test_a_graph_without_a_loop_stays():

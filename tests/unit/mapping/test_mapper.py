@@ -8,7 +8,8 @@ import pytest
 from rigs.laser_logs import drifted
 from tests.unit.mapping.rooms import drive, room, scan
 from txt1.mapping import grid_files
-from txt1.mapping.mapper import Mapper
+from txt1.mapping.graph import Graph
+from txt1.mapping.mapper import Mapper, Matching
 from txt1.mapping.matcher import LocalMap, cloud_of, compiled_kernels, joined
 from txt1.mapping.poses import difference, trajectory_error
 from txt1.maps.grid import FREE, OCCUPIED
@@ -33,6 +34,28 @@ def test_a_room_is_mapped_in_spite_of_wrong_wheels():
     assert trajectory_error(mapper.poses, poses) < 0.03
     assert sum(match.closed for match in matches) > 0
     assert all(match.score > 0.5 for match in matches[1:])
+
+
+def test_optimising_is_linear_in_the_way_however_many_loops_contradict(monkeypatch):
+    optimise, optimised = Graph.optimise, []
+
+    def counted(graph, held):
+        optimised.append(len(graph.poses) - 1 - held)
+        optimise(graph, held)
+
+    aside = np.array((0.2, 0.0, 0.0))
+
+    def contradicting(mapper, chunk, query, window):
+        nodes = mapper.graph.poses[8 * chunk + 4], mapper.graph.poses[-1]
+        return difference(*nodes) + aside, 1e4 * np.eye(3), 1.0
+
+    monkeypatch.setattr(Graph, "optimise", counted)
+    monkeypatch.setattr(Mapper, "_closed", contradicting)
+    mapper, rng, there = Mapper(Matching(often=1)), np.random.default_rng(1), room()
+    for k, pose in enumerate(drive(2.5)):
+        mapper.add(0.1 * k, scan(there, pose, rng), pose)
+    count = len(mapper.keys)
+    assert 0.5 * count < sum(optimised) < 2 * count
 
 
 def test_a_map_has_its_walls_where_the_room_has_them():
