@@ -326,8 +326,9 @@ class Fusion:
         lean = self._newest()[0].lean
         for measurement in self._arrived:
             if lean is not None and measurement.sensor in self._places_of:
-                # no reading was taken after it had come
-                late = max(float(lean.value[self._places_of[measurement.sensor] + 2]), measurement.time - now)
+                # no reading was taken after it had come; one of the future stays there
+                late = float(lean.value[self._places_of[measurement.sensor] + 2])
+                late = max(late, min(measurement.time - now, 0.0))
                 self._late[measurement.sensor] = late
                 measurement = measurement._replace(time=measurement.time - late)
             if not self._admits(measurement, oldest):

@@ -32,10 +32,16 @@ class Drive:
     """The circle with sensors whose readings are told exactly but for noise, and a fusion that hears them."""
 
     def __init__(
-        self, names: tuple[str, ...] = ("imu", "encoders", "vicon"), seed: int = 1, *, start: bool = False
+        self,
+        names: tuple[str, ...] = ("imu", "encoders", "vicon"),
+        seed: int = 1,
+        *,
+        start: bool = False,
+        mounts: dict[str, tuple[float, float]] | None = None,
     ) -> None:
         known = (START, (0.02, 0.02, 0.03)) if start else None
-        self.fusion = Fusion({name: SENSORS.get(name, Belonging(tells_pose=True)) for name in names}, start=known)
+        sensors = {name: SENSORS.get(name, Belonging(tells_pose=True)) for name in names}
+        self.fusion = Fusion(sensors, start=known, mounts=mounts)
         self.rng = np.random.default_rng(seed)
         self.names = names
         self.cycle = 0
@@ -171,6 +177,7 @@ FAILURES: dict[str, tuple[Callable[[Measurement], Measurement | None], str]] = {
     "is silent": (lambda m: None, "silent"),
     "is 2 s late": (lambda m: m._replace(time=m.time - 2.0), "not in time"),
     "is of the future": (lambda m: m._replace(time=m.time + 2.0), "not in time"),
+    "is 0.3 s ahead": (lambda m: m._replace(time=m.time + 0.3), "not in time"),
     "stands still": (lambda m: m._replace(values=(*truth(10.0)[:2], 0.5)[: len(m.values)]), "stands still"),
 }
 
@@ -178,7 +185,7 @@ FAILURES: dict[str, tuple[Callable[[Measurement], Measurement | None], str]] = {
 @pytest.mark.parametrize("sensor", ["encoders", "imu", "vicon"])
 @pytest.mark.parametrize("failure", FAILURES)
 def test_a_sensor_whose_readings_are_invalid_is_left_out_and_believed_again(sensor: str, failure: str) -> None:
-    drive = Drive()
+    drive = Drive(mounts={"vicon": (0.001, 0.001)})
     drive.go(10.0)
     change, reason = FAILURES[failure]
     drive.go(4.0, lambda m: change(m) if m.sensor == sensor else m)
