@@ -301,6 +301,12 @@ class Fusion:
         return 1.0 if self._exact else 1.0 + self._newest()[0].mean[WIDTH]
 
     @property
+    def gyro_share(self) -> float:
+        """By how much a gyro reads more than the car turns, its bias aside."""
+        lean = self._newest()[0].lean
+        return 1.0 if lean is None else 1.0 + float(lean.value[SCALE])
+
+    @property
     def track(self) -> tuple[float, float]:
         """The share by which the track width is larger than was measured, and its standard deviation."""
         belief = upright(self._newest()[0])

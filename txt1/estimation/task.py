@@ -272,7 +272,7 @@ class Estimator:
         """Let the witnesses of the yaw rate report, and vote."""
         turns, wheels = self._turns, self._wheels
         if dt > 0.0 and wheels is not None and self._counts:
-            gyro = sum(turns) / len(turns) - bias if turns else None
+            gyro = (sum(turns) / len(turns) - bias) / self.fusion.gyro_share if turns else None
             steered = self._steering is not None and self._geometry.steering != "skid"
             # of wheels that do not turn, though they should, the speed is no witness
             steering = (wheels[0] or self._setpoint) * self._curvature if steered else None

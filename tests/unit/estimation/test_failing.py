@@ -40,6 +40,8 @@ class Car:
         self.fails: Callable[[Measurement], Iterable[Measurement]] = sound
         self.way, self.slip, self.rng = way, slip, np.random.default_rng(seed)
         self.now, self.pose = 0.0, (0.0, 0.0, 0.0)
+        # by which the gyro reads too much
+        self.scale = 0.0
         self.estimate: Estimate
         # of each cycle: m, rad, and the largest of x, y and theta of three of its sigma
         self.errors: list[tuple[float, float, float]] = []
@@ -67,7 +69,7 @@ class Car:
             for name in self.kinds:
                 if name == "imu":
                     for time in (self.now - 0.5 * CYCLE, self.now):
-                        told = v * curvature + 0.01 + self.noise(0.006)
+                        told = (1.0 + self.scale) * v * curvature + 0.01 + self.noise(0.006)
                         self.estimator.take(name, Reading(time, ImuReading((0.0, 0.0, 9.81), (0.0, 0.0, told))))
                 elif name == "vicon" or round(self.now / CYCLE) % 10 == 0:
                     self.estimator.take(name, self.reading(name))
@@ -321,6 +323,19 @@ def test_a_frame_that_moves_while_the_mount_is_learned_is_found_out() -> None:
     while car.now < 40.0:
         car.go(car.now + CYCLE)
         assert car.worst()[0] < 3.0 * np.hypot(car.estimate.sigma(0), car.estimate.sigma(1))
+    assert not car.believed("vicon")
+
+
+def test_a_frame_that_moves_is_found_out_beside_a_gyro_whose_scale_was_learned() -> None:
+    def way(time: float) -> tuple[float, float]:
+        curvature = 1.0 + 0.5 * sin(0.37 * time)
+        return 0.7 + 0.2 * sin(0.9 * time), -curvature if int(time / 15.0) % 2 else curvature
+
+    car = Car("vicon", way)
+    car.scale = 0.03
+    car.go(47.0)
+    car.fails = off("vicon", lambda time: (0.05 * (time - 47.0), 0.0, 0.0))
+    car.go(51.0)
     assert not car.believed("vicon")
 
 
