@@ -217,8 +217,6 @@ class Fusion:
                 self._places_of[name] = len(spreads)
                 spreads += [lever, lever, late]
         self._parameters = np.array(spreads)
-        # s by which the newest reading of each was put back
-        self._late: dict[str, float] = {}
         lean = Lean(0.0 * self._parameters, np.zeros((SIZE, len(spreads))), np.diag(self._parameters**2))
         # with its time
         self._base = belief_of((*pose, 0.0, 0.0, 0.0, 0.0, 0.0), np.diag(sigmas**2), lean if spreads else None), -1.0
@@ -327,26 +325,27 @@ class Fusion:
             self._base = self._base[0], max(0.0, now - READINGS_BEFORE)
             for judge in self._judges.values():
                 judge.since = now
-        groups: dict[tuple[str, Kind], tuple[Measurement, int]] = {}
+        # by sensor, kind, and s by which they were put back
+        groups: dict[tuple[str, Kind, float], tuple[Measurement, int]] = {}
         oldest = max(self._base[1], now - HORIZON)
         lean = self._newest()[0].lean
         for measurement in self._arrived:
+            late = 0.0
             if lean is not None and measurement.sensor in self._places_of:
                 # no reading was taken after it had come; one of the future stays there
                 late = float(lean.value[self._places_of[measurement.sensor] + 2])
                 late = max(late, min(measurement.time - now, 0.0))
-                self._late[measurement.sensor] = late
                 measurement = measurement._replace(time=measurement.time - late)
             if not self._admits(measurement, oldest):
                 continue
-            group = measurement.sensor, measurement.kind
+            group = measurement.sensor, measurement.kind, late
             mean, count = groups.get(group, (measurement, 0))
             if count and not alike(mean, measurement):
-                self._insert(mean)
+                self._insert(mean, late)
                 count = 0
             groups[group] = averaged(mean, count, measurement) if count else measurement, count + 1
-        for measurement, _ in groups.values():
-            self._insert(measurement)
+        for (_, _, late), (measurement, _) in groups.items():
+            self._insert(measurement, late)
         self._arrived.clear()
         if self._changed:
             self._note_believed()
@@ -463,14 +462,14 @@ class Fusion:
         # a position that is told again is no news: its errors are those of the last one
         return not judge.same or kind is not KIND_POSE
 
-    def _insert(self, measurement: Measurement) -> None:
-        """Insert a reading, or the mean of some, at its time."""
+    def _insert(self, measurement: Measurement, late: float) -> None:
+        """Insert a reading, or the mean of some, at its time, put back by `late` seconds already."""
         entries = self._entries
         # of the same instant, too, there is one order
         key = (round(measurement.time / SAME_INSTANT), measurement.sensor)
         last = not entries or entries[-1].key <= key
         place = len(entries) if last else bisect_right(entries, key, key=_KEY)
-        entries.insert(place, _Entry(measurement, self._base[0], key, self._late.get(measurement.sensor, 0.0)))
+        entries.insert(place, _Entry(measurement, self._base[0], key, late))
         if place < self._settled:
             self._settled = place
 

@@ -171,6 +171,21 @@ def test_late_by_0_3_s_it_is_as_good_as_in_time() -> None:
     assert drive.trust("vicon") == (True, "")
 
 
+def test_each_reading_keeps_by_how_much_it_was_put_back() -> None:
+    drive = Drive(mounts={"vicon": (0.1, 0.05)})
+    drive.go(1.0)
+    # its clock, 30 ms behind what is stated: neither was taken after it had come
+    lean = drive.fusion._newest()[0].lean
+    assert lean is not None
+    lean.value[5] = -0.03
+    stamps = 1.001, 1.015
+    for time in stamps:
+        drive.fusion.take(Measurement(time, "vicon", Kind.POSE, (0, 1, 2), truth(time), (0.002, 0.002, 0.003)))
+    drive.fusion.step(1.02)
+    entries = [each for each in drive.fusion._entries if each.measurement.time > 1.01]
+    assert [each.measurement.time + each.late for each in entries] == pytest.approx(stamps)
+
+
 FAILURES: dict[str, tuple[Callable[[Measurement], Measurement | None], str]] = {
     "is no number": (lambda m: m._replace(values=(float("nan"), *m.values[1:])), "no number"),
     "has a sigma that is no number": (lambda m: m._replace(sigmas=(*m.sigmas[:-1], float("nan"))), "no number"),
