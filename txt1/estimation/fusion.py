@@ -225,9 +225,8 @@ class Fusion:
         self._settled = 0
         self._arrived: list[Measurement] = []
         self._located = start is not None or not any(settings.tells_pose for settings in sensors.values())
-        self._pairs: deque[tuple[float, ...]] = deque(maxlen=PAIRS_MAX)
-        # how the first two of each lean
-        self._pair_leans: deque[Array | None] = deque(maxlen=PAIRS_MAX)
+        # with how the first two of each lean
+        self._pairs: deque[tuple[tuple[float, ...], Array | None]] = deque(maxlen=PAIRS_MAX)
         self._now = 0.0
         self._gyros: set[str] = set()
         self._headings: set[str] = set()
@@ -260,7 +259,6 @@ class Fusion:
         """Find the pose anew: the robot was carried elsewhere."""
         self._located = not any(judge.settings.tells_pose for judge in self._judges.values())
         self._pairs.clear()
-        self._pair_leans.clear()
         self.vote.clear()
         self._besides = Besides()
         self._frames = {name: Frame() for name in self._frames}
@@ -867,9 +865,8 @@ class Fusion:
                 away = np.array((py - mean[1], mean[0] - px))
                 found_leans = turns, lean.by[:2] - place + away[:, None] * turns
         elif measurement.rows == (0, 1):
-            self._pairs.append((px, py, *values, sigmas[0]))
-            self._pair_leans.append(place)
-            found = aligned(self._pairs, self._pair_leans, belief)
+            self._pairs.append(((px, py, *values, sigmas[0]), place))
+            found = aligned(self._pairs, belief)
             if found is None:
                 return belief
             turn, x, y, spread, found_leans = found
@@ -880,7 +877,6 @@ class Fusion:
             entry.belief = turned(entry.belief, turn, x, y, spread, found_leans)
         self._located = True
         self._pairs.clear()
-        self._pair_leans.clear()
         self.changes.append(f"the pose is known, by '{measurement.sensor}'")
         return turned(belief, turn, x, y, spread, found_leans)
 

@@ -434,7 +434,7 @@ LEFT_OUT_SIGMA: Final = 3.7
 
 
 def aligned(
-    pairs: Collection[tuple[float, ...]], leans: Collection[Array | None], belief: Belief
+    pairs: Collection[tuple[tuple[float, ...], Array | None]], belief: Belief
 ) -> tuple[float, float, float, Array, tuple[Array, Array] | None] | None:
     """The turn (rad) and move (m) that bring positions p onto measured ones z, their covariance where the robot is now.
 
@@ -442,10 +442,10 @@ def aligned(
 
     Least squares in closed form, S. Umeyama, PAMI 13(4), 1991, in the plane and without scale: with both centred,
     turn = atan2(sum p x z, sum p . z). Its variance is sigma^2 / sum |p|^2, that of the centre sigma^2 / n. Each pair
-    is p, z and sigma; `leans` are how each p leans. Pairs that are left more than `LEFT_OUT_SIGMA` sigma away are left
+    is p, z and sigma, and how p leans. Pairs that are left more than `LEFT_OUT_SIGMA` sigma away are left
     out, the farthest first (trimmed least squares, P. J. Rousseeuw, JASA 79, 1984).
     """
-    kept, used = np.array(list(pairs)), np.arange(len(pairs))
+    kept, used = np.array([numbers for numbers, _ in pairs]), np.arange(len(pairs))
     while len(kept) >= PAIRS_MIN:
         cx, cy, dx, dy, _ = middle = kept.mean(axis=0)
         px, py, zx, zy, _ = (kept - middle).T
@@ -463,7 +463,7 @@ def aligned(
         lean, how = belief.lean, None
         x, y = belief.mean[X] - cx, belief.mean[Y] - cy
         if lean is not None:
-            by = np.array(list(leans))[used]
+            by = np.array([leans for _, leans in pairs])[used]
             turns = (py @ by[:, 0] - px @ by[:, 1]) / spread
             if turns @ lean.covariance @ turns + variance / spread > ALIGNED**2:
                 return None
