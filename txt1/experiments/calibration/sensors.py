@@ -3,14 +3,16 @@
 `txt1.estimation.fusion` has the filter.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import partial
 from math import hypot, pi
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from txt1.errors import ConfigError
 from txt1.estimation.fusion import Calibrated
-from txt1.estimation.task import ENCODERS, Estimator
+from txt1.estimation.sensors import KIND_ENCODERS, Measurement
+from txt1.estimation.task import ENCODERS, ESTIMATION_PERIOD, Estimator
 from txt1.record.reader import robot_in
 from txt1.record.verification import verify
 from txt1.runtime import Runtime
@@ -19,7 +21,7 @@ from txt1.sensors.readings import ImuReading
 QUANTITIES: Final = {
     "x": ("further ahead than stated", "m", 1.0, "curves to both sides"),
     "y": ("further to the left than stated", "m", 1.0, "narrow curves to both sides, each for some seconds"),
-    "delay": ("older than its readings say", "ms", 1e3, "hard starts and stops"),
+    "delay": ("older than its readings say", "ms", 1e3, "hard starts and stops, and curves to both sides"),
     "slip": ("of the wheels' way, by slip and radius", "%", 100.0, "some metres straight on"),
     "scale": ("too much, by the gyro", "%", 100.0, "several full circles to one side"),
     "bias": ("told by a gyro that stands", "rad/s", 1.0, "five seconds at rest"),
@@ -32,6 +34,9 @@ SHOWN_SHARE: Final = 0.7
 REFUTED_SIGMAS: Final = 3.3
 # m, s and 1, the smallest standard deviations that are written
 SIGMA_MIN: Final = 0.001
+# rad to each side from which a drive has curves to both, and rad/s, less of which is no curve; chosen
+BOTH_SIDES: Final = 0.5
+CURVING: Final = 0.1
 # standard deviation of slip in curves, which looks like a wider track; chosen
 SLIP_SIGMA: Final = 0.02
 
@@ -53,7 +58,15 @@ def learned(recording: Path, robot: str | None) -> SensorFindings:
     Raises RecordingError: it cannot be run again. Raises ConfigError: it has neither a sensor of positions nor a gyro.
     """
     runtimes: list[Runtime] = []
-    verify(recording, robot_in(recording, robot), runtimes.append)
+    turned = [0.0, 0.0]
+
+    def attach(runtime: Runtime) -> None:
+        runtimes.append(runtime)
+        estimator = runtime.part(Estimator)
+        if estimator is not None and len(runtimes) == 1:
+            estimator.through = partial(_turning, estimator, turned)
+
+    verify(recording, robot_in(recording, robot), attach)
     runtime = runtimes[0]
     estimator = runtime.part(Estimator)
     gyros = [name for name, each in runtime.sensors.items() if each.sensor.topic.type is ImuReading]
@@ -66,10 +79,21 @@ def learned(recording: Path, robot: str | None) -> SensorFindings:
     lines, settings = [], {}
     for name in estimator.fusion.placing:
         found = estimator.fusion.parameters(name)
+        if min(turned) < BOTH_SIDES:
+            # in curves to one side it looks like a frame that is turned, with the mount further to the left
+            found["delay"] = found["delay"]._replace(sigma=found["delay"].start)
         lines += [f"{name}: {line}" for line in _told(found)]
         settings.update(_settings(estimator, name, found, gyros))
     track, values = _track(estimator, runtime, gyros)
     return SensorFindings(lines + track, settings, values)
+
+
+def _turning(estimator: Estimator, turned: list[float], measurement: Measurement) -> Iterable[Measurement]:
+    """Add to what the robot has turned to the right and to the left, rad, with each measurement of its wheels."""
+    if measurement.kind is KIND_ENCODERS and estimator.estimate is not None:
+        omega = estimator.estimate.omega
+        turned[omega > 0.0] += ESTIMATION_PERIOD * abs(omega) * (abs(omega) > CURVING)
+    return (measurement,)
 
 
 def _told(found: dict[str, Calibrated]) -> Iterator[str]:
@@ -115,7 +139,7 @@ def _settings(
     settings: dict[str, dict[str, Any]] = {}
     if {"x", "y"} & right.keys():
         x, y = given[name].lever
-        settings[name] = {"lever": [round(x + found["x"].value, 4), round(y + found["y"].value, 4)]}
+        settings[name] = {"lever": [round(x + right.get("x", 0.0), 4), round(y + right.get("y", 0.0), 4)]}
         settings[name]["lever_sigma"] = round(max(found["x"].sigma, found["y"].sigma, SIGMA_MIN), 3)
     delay = given[name].delay + right.get("delay", 0.0)
     if "delay" in right and delay >= 0.0:
