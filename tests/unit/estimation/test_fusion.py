@@ -175,14 +175,14 @@ def test_each_reading_keeps_by_how_much_it_was_put_back() -> None:
     drive = Drive(mounts={"vicon": (0.1, 0.05)})
     drive.go(1.0)
     # its clock, 30 ms behind what is stated: neither was taken after it had come
-    lean = drive.fusion._newest()[0].lean
+    lean = drive.fusion._newest()[0].lean  # noqa: SLF001 - what was learned
     assert lean is not None
     lean.value[5] = -0.03
     stamps = 1.001, 1.015
     for time in stamps:
         drive.fusion.take(Measurement(time, "vicon", Kind.POSE, (0, 1, 2), truth(time), (0.002, 0.002, 0.003)))
     drive.fusion.step(1.02)
-    entries = [each for each in drive.fusion._entries if each.measurement.time > 1.01]
+    entries = [each for each in drive.fusion._entries if each.measurement.time > 1.01]  # noqa: SLF001
     assert [each.measurement.time + each.late for each in entries] == pytest.approx(stamps)
 
 
