@@ -71,8 +71,7 @@ class SimHal(PlainHal):
 
     async def close(self) -> None:
         """Leave the outputs neutral."""
-        # not the write of a class made from this one, which may need an open device
-        SimHal.write(self, NEUTRAL, self.vehicle.time)
+        self.write(NEUTRAL, self.vehicle.time)
 
     def others(self) -> tuple[tuple[float, float, float], ...]:
         """The poses of the other vehicles in the world, m and rad."""
