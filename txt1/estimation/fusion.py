@@ -62,7 +62,7 @@ from txt1.estimation.filter import (
     wandering,
     widened,
 )
-from txt1.estimation.hypotheses import PICKS_GAP_MAX, USUAL_SLIP, Besides, Frame, Reckoning, aligned, bent
+from txt1.estimation.hypotheses import LEVER, PICKS_GAP_MAX, USUAL_SLIP, Besides, Frame, Reckoning, aligned, bent
 from txt1.estimation.judging import (
     CHI99,
     KEEPS_FOR,
@@ -130,8 +130,6 @@ FRAMES: Final = "measures in another frame than"
 GYRO_CLOCK: Final = 0.01 / sqrt(12.0)
 # of a gyro's scale, where it is stated to be exact
 KNOWN_SCALE: Final = 1e-6
-# m by which a mount may be off, at least, when a frame is judged
-LEVER: Final = 0.03
 # s in which another sensor has told the place
 RECENT: Final = 1.0
 

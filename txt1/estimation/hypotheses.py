@@ -67,6 +67,8 @@ CORNERING: Final = 0.05
 # rad by which gyro or wheels miss a turn within a window
 TURNED: Final = 0.015
 CLOCK: Final = 0.01  # s
+# m by which a mount may be off, at least, when a frame is judged
+LEVER: Final = 0.03
 # m/s of the frame
 FRAME_SPEED: Final = 1.0
 # m by which dead reckoning misses besides within a window
@@ -167,7 +169,7 @@ class Frame:
         """Whether it moves."""
         self.probability = 0.0
         """That it does, by the window that makes it most likely."""
-        self.lever = 0.03
+        self.lever = LEVER
         """Standard deviation of the sensor's place on the robot, m."""
         self._picks: deque[_Pick] = deque(maxlen=round(WINDOWS[-1] / PICKED) + 2)
         self._waiting: deque[tuple[Measurement, Belief]] = deque(maxlen=100)
