@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
+import subprocess
 import sys
 from collections.abc import Generator, Iterator
 from functools import cache
@@ -100,6 +102,17 @@ def modules_of(name: str) -> frozenset[str]:
 def has_patience(name: str) -> bool:
     """Whether a module imports tests/patience.py."""
     return "\nfrom tests.patience import " in Path(str(sys.modules[name].__file__)).read_text("utf-8")
+
+
+@pytest.fixture(scope="session")
+def tracked() -> list[str]:
+    """The names of the files that the repository holds, from its root on."""
+    if shutil.which("git") is None:
+        pytest.skip("did not run: git is not installed")
+    listed = subprocess.run(["git", "ls-files"], cwd=HERE.parent, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("did not run: this is no checkout")
+    return listed.stdout.splitlines()
 
 
 @pytest.fixture

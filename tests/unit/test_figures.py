@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -37,6 +38,7 @@ def committed(folder: Path, file: str) -> str:
     return git(folder, "rev-parse", "--short", "HEAD")
 
 
+@pytest.mark.skipif(shutil.which("git") is None, reason="did not run: git is not installed")
 def test_a_figure_is_older_once_what_it_measures_has_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

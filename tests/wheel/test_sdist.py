@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -15,8 +16,8 @@ REPOSITORY = Path(__file__).parents[2]
 
 
 def test_a_source_distribution_holds_every_file_of_the_repository(tmp_path: Path) -> None:
-    if not (REPOSITORY / ".git").exists():
-        pytest.skip("did not run: this is no repository")
+    if shutil.which("git") is None or not (REPOSITORY / ".git").exists():
+        pytest.skip("did not run: this is no repository, or git is not installed")
     words = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(words, cwd=REPOSITORY, check=True, capture_output=True, text=True).stdout.splitlines()
     build = f"from setuptools.build_meta import build_sdist; build_sdist({str(tmp_path)!r})"
