@@ -41,7 +41,7 @@ def test_a_pad_drives_and_the_robot_stops_when_it_is_gone(what: str, monkeypatch
                     killed = robot.now
                 if what == "out of reach":
                     began = passed[0].time
-                    await until(lambda: robot.now > passed[-1].given + 0.5)
+                    await until(lambda: robot.now > began + HOLD_LASTS + 0.5 + late())
                     assert HOLD_LASTS - 0.3 - late() < passed[-1].time - began < HOLD_LASTS + 0.3 + late()
                 await until(lambda: robot.now > passed[-1].given + 0.5 and robot.runtime.state.control.v == 0.0)
                 assert what != "killed" or max(each.given for each in passed) <= killed
