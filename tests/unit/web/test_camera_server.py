@@ -261,12 +261,13 @@ def test_a_robot_with_a_camera_serves_its_pictures_beside_its_page(tmp_path: Pat
             aiohttp.ClientSession(headers={"Origin": url}) as client,
         ):
             async with asyncio.timeout(LIMIT):
-                socket = await connected(client, f"{url}/socket")
                 told: Any = {}
-                while "page" not in told:
-                    told = await socket.receive_json()
-                look = await connected(client, f"http://127.0.0.1:{told['page']['camera']}/camera/front")
-                data, (exposed, *_) = await picture(look)
+                async with await connected(client, f"{url}/socket") as socket:
+                    while "page" not in told:
+                        told = await socket.receive_json()
+                camera = f"http://127.0.0.1:{told['page']['camera']}/camera/front"
+                async with await connected(client, camera) as look:
+                    data, (exposed, *_) = await picture(look)
             assert data.startswith(b"\xff\xd8")
             assert exposed < now()
 
