@@ -54,11 +54,11 @@ def driven(seed: int, lever: tuple[float, float] = (0.0, 0.0), late: float = 0.0
     return estimator
 
 
-@pytest.mark.parametrize("lever", [(0.05, 0.0), (0.0, 0.03), (-0.3, 0.1)])
-def test_a_mount_is_found_though_slip_and_curvature_change_together(lever: tuple[float, float]) -> None:
+def test_a_mount_is_found_though_slip_and_curvature_change_together() -> None:
     """Ahead it is as uncertain as told. To the left it looks like such slip, and is off by up to 4 cm after 30 s."""
     misses = []
     for seed in range(1, 7):
+        lever = ((0.05, 0.0), (0.0, 0.03), (-0.3, 0.1))[seed % 3]
         found = driven(seed, lever).fusion.parameters("vicon")
         misses.append((found["x"].value - lever[0]) / found["x"].sigma)
         assert found["y"].value == pytest.approx(lever[1], abs=0.04)
