@@ -20,6 +20,7 @@ from tests.examples import SHARE, USUAL
 from tests.patience import surviving
 
 HERE = Path(__file__).parent
+INSIDE = f"{HERE}{os.sep}"
 USUAL_MARKS = "not long and not browser"
 APART = ("browser", "ros", "viewers")
 
@@ -92,7 +93,7 @@ def modules_of(name: str) -> frozenset[str]:
         for value in vars(sys.modules[new.pop()]).values():
             origin = getattr(value, "__module__", None)
             file = getattr(sys.modules.get(origin), "__file__", None) if isinstance(origin, str) else None
-            if file is not None and origin not in found and HERE in Path(file).parents:
+            if file is not None and origin not in found and file.startswith(INSIDE):
                 found.add(origin)
                 new.append(origin)
     return frozenset(found)
