@@ -122,12 +122,17 @@ def checked(kind: type[T], options: Mapping[str, Any], key: str) -> T:
     Raises ConfigError: an option is unknown or wrong; `key` is where they are set, such as "hal_options".
     """
     name = key.rpartition(".")[2]
-    field: dict[str, Any] = {name: (kind, ...)}
-    model = create_model("Options", __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **field)
+    model = _options(cast("Any", kind), name)
     try:
         return cast("T", getattr(model.model_validate({name: options}), name))
     except ValidationError as error:
         raise ConfigError(_explain(error, {key: key}, key.removesuffix(name))) from None
+
+
+@cache
+def _options(kind: type[Any], name: str) -> type[BaseModel]:
+    field: dict[str, Any] = {name: (kind, ...)}
+    return create_model("Options", __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **field)
 
 
 def flatten(config: Config) -> Iterator[tuple[str, Any]]:
