@@ -55,7 +55,7 @@ def test_a_circle_as_stated_writes_nothing_and_asks_for_curves_to_both_sides(
 ) -> None:
     """A delay of 9 ms was written, told to 1.7 ms: it looks like a frame that is turned."""
     drive, file = tmp_path / "drive.mcap", tmp_path / "sensors.yaml"
-    run(record(drive, ("estimation.preset=vicon",), [(0.5, 0.6, 40.0)]), speed="max")
+    run(record(drive, ("estimation.preset=vicon",), [(0.5, 0.6, 18.0)]), speed="max")
     assert execute(["calibrate", "--sensors", str(drive), "--write", str(file)]) == OK
     told = capsys.readouterr().out
     assert "does not show it: drive hard starts and stops, and curves to both sides" in told
