@@ -5,6 +5,7 @@ another rate. So a scanner that stays silent at the configured rate is also call
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import inf, nan, tau
 from typing import Annotated, Final
 
@@ -56,6 +57,7 @@ def check_character(text: bytes) -> int:
     return (sum(text) & 0x3F) + 0x30
 
 
+@lru_cache(10_000)
 def encode(value: int, length: int) -> bytes:
     """Return a number in `length` characters of six bits, the highest first, each plus 0x30."""
     return bytes(((value >> 6 * (length - 1 - k)) & 0x3F) + 0x30 for k in range(length))

@@ -1,7 +1,10 @@
 """Virtual laser scanners: a Hokuyo URG-04LX that speaks SCIP 2.0, and an LDROBOT LD19."""
 
-from math import isfinite, tau
-from typing import Final
+from math import tau
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from txt1.sensors import laser_ld19
 from txt1.sensors.base import Reading
@@ -104,23 +107,24 @@ class VirtualScip(VirtualSensor):
         scan = reading.value
         width = 3 if request[1:2] == b"D" else 2
         first, last, cluster = int(request[2:6]), int(request[6:10]), max(int(request[10:12]), 1)
-        text = b""
-        for start in range(first, last + 1 - cluster + 1, cluster):
-            mm = [range_at(scan, (step - FRONT) * tau / 1024.0) for step in range(start, start + cluster)]
-            text += encode(min((each for each in mm if each), default=NOTHING_IN_REACH), width)
+        text, mm = b"", ranges_at(scan, (np.arange(first, last + 1) - FRONT) * tau / 1024.0)
+        for start in range(0, len(mm) - cluster + 1, cluster):
+            text += encode(min(filter(None, mm[start : start + cluster]), default=NOTHING_IN_REACH), width)
         blocks = (text[at : at + LINE_CHARACTERS] for at in range(0, len(text), LINE_CHARACTERS))
         return line(encode(round(reading.time * 1000.0) % (1 << 24), 4)) + b"".join(map(line, blocks))
 
 
-def range_at(scan: Scan, angle: float) -> int:
-    """Return the range of the beam nearest to an angle (rad, anticlockwise in the device's frame), mm; 0 for no
+def ranges_at(scan: Scan, angles: NDArray[np.floating[Any]]) -> list[int]:
+    """Return the ranges of the beams nearest to angles (rad, anticlockwise in the device's frame), mm; 0 for no
     range.
     """
-    index = round((angle - scan.angle_min) / scan.angle_step)
-    if not 0 <= index < len(scan.ranges):
-        return NOTHING_IN_REACH
-    value = float(scan.ranges[index])
-    return round(value * 1000.0) if isfinite(value) else NOTHING_IN_REACH
+    index = np.rint((angles - scan.angle_min) / scan.angle_step).astype(int)
+    there = (index >= 0) & (index < len(scan.ranges))
+    mm = np.full(len(angles), np.nan)
+    mm[there] = np.rint(scan.ranges[index[there]].astype(np.float64) * 1000.0)
+    mm[~np.isfinite(mm)] = NOTHING_IN_REACH
+    numbers: list[int] = mm.astype(int).tolist()
+    return numbers
 
 
 def ld19() -> Talker:
@@ -136,10 +140,11 @@ def turn(reading: Reading[Scan]) -> bytes:
     scan, packets = reading.value, b""
     step, per_second = 360.0 / laser_ld19.BEAMS, abs(scan.angle_step) / tau * 360.0 / abs(scan.time_step)
     count = laser_ld19.POINTS
+    angles = step * np.arange(-(-laser_ld19.BEAMS // count) * count)
+    mm = ranges_at(scan, -tau * np.where(angles <= 180.0, angles, angles - 360.0) / 360.0)
     for first in range(0, laser_ld19.BEAMS, count):
-        angles = [step * (first + k) for k in range(count)]
-        wrapped = [angle if angle <= 180.0 else angle - 360.0 for angle in angles]
-        points = [(range_at(scan, -tau * angle / 360.0), 200) for angle in wrapped]
-        ms = round((reading.time + angles[-1] / per_second) * 1000.0)
-        packets += laser_ld19.pack(per_second, angles[0], angles[-1], points, ms)
+        begins, ends = float(angles[first]), float(angles[first + count - 1])
+        ms = round((reading.time + ends / per_second) * 1000.0)
+        points = [(each, 200) for each in mm[first : first + count]]
+        packets += laser_ld19.pack(per_second, begins, ends, points, ms)
     return packets
