@@ -227,6 +227,8 @@ class Batch:
 
     def place(self, which: NDArray[np.bool_], poses: Array, rng: np.random.Generator) -> None:
         """Put the robots in `which` at poses (m, rad), at rest and reset; shape (which.sum(), 3)."""
+        if which.all():
+            self.tick = 0  # the length of a tick is the difference of two times, and its last digits depend on them
         self.robots[:, which] = 0.0
         self.robots[:3, which] = poses.T
         self.robots[PHASE : PHASE + 2, which] = rng.random((int(which.sum()), 2)).T

@@ -216,6 +216,16 @@ def test_the_same_seed_is_the_same_episode() -> None:
     assert not np.array_equal(one.reset()[0], other.reset(seed=6)[0])
 
 
+def test_a_seed_tells_the_episode_to_the_last_bit_whatever_was_driven_before() -> None:
+    one = env.DriveEnv()
+
+    def driven_anew() -> list[float]:
+        one.reset(seed=5)
+        return [float(one.step(action)[1]) for action in (1, 0, 2, 0)]
+
+    assert driven_anew() == driven_anew()
+
+
 @pytest.mark.long  # to compile takes long
 def test_many_robots_at_once_find_the_light_as_one_does_and_begin_anew() -> None:
     count = 64
