@@ -116,6 +116,12 @@ def test_what_is_learned_is_the_same(installed: Path, tmp_path: Path) -> None:
         assert (tmp_path / "compiled" / file).read_bytes() == (tmp_path / "interpreted" / file).read_bytes()
 
 
+def test_an_environment_works_in_the_next_process_too(installed: Path) -> None:
+    pytest.importorskip("numba")
+    program = "from txt1.learning.env import DriveEnv; one = DriveEnv(); one.reset(seed=1); print(one.step(1)[1])"
+    assert python(installed, "-c", program) == python(installed, "-c", program)
+
+
 def test_it_keeps_what_the_robot_promises(installed: Path, tmp_path: Path) -> None:
     for part in ("tests", "rigs", "examples", "config", "benchmarks"):  # without the sources
         copytree(REPOSITORY / part, tmp_path / part, ignore=ignore_patterns("__pycache__"))

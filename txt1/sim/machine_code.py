@@ -41,10 +41,13 @@ def compiled(
         return function
     # mypyc has compiled it; numba needs its Python source, which lies beside it
     if not isinstance(function, FunctionType):
-        source = Path(__file__).parents[2].joinpath(*function.__module__.split(".")).with_suffix(".py")
+        module = function.__module__
+        source = Path(__file__).parents[2].joinpath(*module.split(".")).with_suffix(".py")
         function = run_path(str(source))[function.__name__]
+        # numba imports the module when it loads kept machine code
+        function.__module__ = module
     if calls or cache:
-        known = {**function.__globals__, **(calls or {})}
+        known = {**function.__globals__, **(calls or {}), "__name__": function.__module__}
         function = FunctionType(function.__code__, known, function.__name__, function.__defaults__)
     liberties = {"contract", "reassoc", "nsz", "arcp"} if reorder else False
     made = partial(njit, error_model="numpy", fastmath=liberties, **options)

@@ -8,6 +8,8 @@ import sys
 import tomllib
 from math import cos, exp, pi, sin
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -124,6 +126,14 @@ for factor, text, plus in eval(sys.argv[2]):
     assert function == "3.0 0", "a function that it calls"
     assert constant == "9.0 0", "a constant that it reads"
     assert array == "11.0 0", "an array that it reads"
+
+
+def test_kept_machine_code_of_a_compiled_module_names_a_module_that_is_there() -> None:
+    """numba imports it in the next process, and mypyc's functions are read from the source beside them."""
+    builtin = SimpleNamespace(__module__="txt1.control.pid", __name__="at_rest")
+    for cache in (False, True):
+        function = compiled(cast(Any, builtin), cache=cache)
+        assert getattr(function, "py_func", function).__module__ == "txt1.control.pid"
 
 
 def test_every_extra_that_brings_numba_for_learners_brings_scipy() -> None:
