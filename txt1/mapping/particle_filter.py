@@ -20,7 +20,7 @@ is kept, as long as the particles are together.
 *Found again.* At the start, and from the first scan that does not fit, the scans make a small map of their own
 (`mapper`), because odometry alone distorts the last metres. Its points are matched with the walls of the whole map, in
 each tile and each sector of headings (`whole_map`). Places may look alike. So each place found gets particles of its
-own, which go through several of these scans (a filter in clusters: Milstein, Sanchez and Williamson, "Robust global
+own, which go through these scans (a filter in clusters: Milstein, Sanchez and Williamson, "Robust global
 localization using clustered particle filtering", AAAI 2002). Their rays also use the free floor. The likelihood of the
 scans weighs the places against each other. The particles go on from all likely places. A search of a large map takes
 several scans, which are weighed meanwhile. If nothing fits for a while, the result is: lost.
@@ -89,10 +89,10 @@ TRAIL: Final = 16
 """Newest keyframes of the small map that are matched with the whole map; with three times as many, it is renewed."""
 MATCH_ENOUGH: Final = 0.4
 """Score of this match from which a pose is compared by rays."""
-COMPARED: Final = 6
-"""Number of scans whose rays are cast from the poses found."""
-AROUND: Final = np.array((0.07, 0.07, radians(1.5)))
-"""m and rad, standard deviations of the particles round a pose: the search is as coarse as cells and sectors."""
+EXPLAINED: Final = 6
+"""Number of scans whose rays must end at walls: those of more scans end at the same walls, and tell nothing new."""
+AROUND: Final = np.array((0.03, 0.03, radians(0.5)))
+"""m and rad, standard deviations of the particles round a pose: the places found are as exact as small cells."""
 BETWEEN: Final = np.array((0.02, 0.02, radians(0.5)))
 """m and rad, standard deviations of the way between two of these scans on the small map."""
 EACH: Final = 50
@@ -101,7 +101,7 @@ DOUBTED: Final = 0.01
 """Probability of all other places above which the robot may be elsewhere; and the level at which a wrong map is
 refuted.
 """
-ELSEWHERE: Final = 0.5
+ELSEWHERE: Final = 0.25
 """m, or rad; poses with a larger difference are different places."""
 THROUGH: Final = 0.4
 """m beyond a measured range at which a ray ends: the range is too short, whatever the ray would meet."""
@@ -154,11 +154,11 @@ def _rays_of(points: Array) -> tuple[Array, Array]:
     return np.hypot(chosen[:, 0], chosen[:, 1]), np.arctan2(chosen[:, 1], chosen[:, 0])
 
 
-def _compared(trail: Mapper) -> list[tuple[Array, Array]]:
+def _compared(trail: Mapper, most: int = TRAIL) -> list[tuple[Array, Array]]:
     """Return the points of some of the newest scans of a small map, each with its pose relative to now."""
     keys = trail.keys[-TRAIL:]
     back = difference(trail.poses[-1], trail.graph.poses[-len(keys) :])
-    return [(keys[k].cloud.points, back[k]) for k in np.unique(np.linspace(0, len(keys) - 1, COMPARED, dtype=int))]
+    return [(keys[k].cloud.points, back[k]) for k in np.unique(np.linspace(0, len(keys) - 1, most, dtype=int))]
 
 
 def _are_one(found: Likely, pose: Array) -> bool:
@@ -368,7 +368,7 @@ class Locator:
         if self._trail is None:
             return True
         fits, total = 0, 0
-        for points, back in _compared(self._trail):
+        for points, back in _compared(self._trail, EXPLAINED):
             fits += self._counted(composed(pose, back), points)[0]
             total += min(RAYS, len(points))
         by_chance = NormalDist().inv_cdf(1.0 - DOUBTED) * sqrt(total * BELIEVED * (1.0 - BELIEVED))

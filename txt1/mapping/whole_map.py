@@ -32,8 +32,8 @@ LARGE: Final = 2.0 * FIELD_CELL
 LEVELS: Final = 4
 BLOCK: Final = 1 << (LEVELS - 1)
 """Cells on the side of a block in the first round."""
-TILE: Final = 64
-"""Cells on the side of a tile."""
+TILE: Final = 8
+"""Cells on the side of a tile: along a straight wall, places a metre apart may have nearly the same score."""
 SECTORS: Final = 24
 """Number of sectors of headings."""
 SCORE_BEHIND: Final = 0.25
@@ -42,7 +42,7 @@ LOOKS: Final = 20_000_000
 """Points that are looked up in a portion, some 20 ms."""
 MOST: Final = 40_000_000
 """Points that are looked up in blocks that are divided: this bounds the time."""
-POLISHED: Final = 60
+POLISHED: Final = 1000
 """Number of the best places that are searched for more exactly."""
 
 

@@ -9,6 +9,7 @@ from benchmarks.locating import believed, flat_of, kidnapped
 from rigs.laser_logs import drifted
 from tests.unit.mapping.rooms import BEAMS, drive, room, scan
 from txt1.mapping import whole_map
+from txt1.mapping.matcher import Cloud
 from txt1.mapping.particle_filter import Located, Locator
 from txt1.mapping.poses import composed, difference
 from txt1.maps.grid import FREE, OCCUPIED, Grid
@@ -210,8 +211,25 @@ def test_places_alike_are_told_apart_by_driving_on():
     cells[2:-2, 2:-2] = FREE
     cells[42:-42, 42:-42] = OCCUPIED
     cells[42:60, 200:220] = cells[130:150, 260:278] = FREE
-    # it first takes one corner for another one
-    assert kidnapped(Grid(cells, 0.05), 3)
+    # at first other places are as likely
+    assert kidnapped(Grid(cells, 0.05), 11)
+
+
+def test_along_a_straight_corridor_every_place_may_be_that_of_the_robot():
+    cells = np.full((40, 400), OCCUPIED, np.int8)
+    cells[2:-2, 2:-2] = FREE
+    corridor = Grid(cells, 0.05)
+    # the walls of 4 m to each side
+    along = np.arange(-4.0, 4.0, 0.1)
+    points = np.concatenate([np.column_stack((along, np.full_like(along, y))) for y in (-0.925, 0.925)])
+    search = Locator(corridor)._whole.places(Cloud(points, np.zeros_like(points)), 0.4)  # noqa: SLF001
+    with pytest.raises(StopIteration) as ended:
+        while True:
+            next(search)
+    x, _, theta = ended.value.value.T
+    there = np.sort(x[np.abs(np.sin(theta)) < 0.1])
+    inside = there[(there > 4.0) & (there < 16.0)]
+    assert np.diff(inside).max() < 2.0
 
 
 def test_another_flat_in_which_all_that_fits_would_be_behind_people_is_not_believed():
