@@ -103,9 +103,20 @@ class Drive:
         return found.believed, found.reason
 
 
-def test_it_finds_pose_velocities_and_the_gyros_bias() -> None:
-    drive = Drive()
+@cache
+def known(mounted: bool) -> Drive:
+    drive = Drive(mounts={"vicon": (0.001, 0.001)} if mounted else None)
     drive.go(10.0)
+    return drive
+
+
+def after_10_s(mounted: bool = False) -> Drive:
+    """A copy of a drive in which nothing has failed yet; `mounted`: the mount of its motion capture is learned."""
+    return deepcopy(known(mounted))
+
+
+def test_it_finds_pose_velocities_and_the_gyros_bias() -> None:
+    drive = after_10_s()
     assert drive.estimate.located
     assert drive.error()[0] < 0.003
     assert drive.estimate.v == pytest.approx(V, abs=0.02)
@@ -199,18 +210,10 @@ FAILURES: dict[str, tuple[Callable[[Measurement], Measurement | None], str]] = {
 }
 
 
-@cache
-def after_10_s() -> Drive:
-    """A drive in which nothing has failed yet, to be copied."""
-    drive = Drive(mounts={"vicon": (0.001, 0.001)})
-    drive.go(10.0)
-    return drive
-
-
 @pytest.mark.parametrize("sensor", ["encoders", "imu", "vicon"])
 @pytest.mark.parametrize("failure", FAILURES)
 def test_a_sensor_whose_readings_are_invalid_is_left_out_and_believed_again(sensor: str, failure: str) -> None:
-    drive = deepcopy(after_10_s())
+    drive = after_10_s(mounted=True)
     change, reason = FAILURES[failure]
     drive.go(4.0, lambda m: change(m) if m.sensor == sensor else m)
     believed, why = drive.trust(sensor)
@@ -255,16 +258,14 @@ def test_a_robot_on_a_mark_knows_its_pose_before_a_gps_has_told_it() -> None:
 
 
 def test_a_single_outlier_moves_nothing() -> None:
-    drive = Drive()
-    drive.go(10.0)
+    drive = after_10_s()
     drive.go(0.02, lambda m: m._replace(values=(m.values[0] + 0.08, *m.values[1:])) if m.sensor == "vicon" else m)
     assert drive.error()[0] < 0.006
     assert drive.trust("vicon") == (True, "")
 
 
 def test_a_position_that_jumps_is_left_out_and_the_estimate_tells_both_hypotheses() -> None:
-    drive = Drive()
-    drive.go(10.0)
+    drive = after_10_s()
     sure = drive.estimate.sigma(0)
     jump = lambda m: m._replace(values=(m.values[0] + 1.0, *m.values[1:])) if m.sensor == "vicon" else m  # noqa: E731
     drive.go(KEEPS_FOR - 1.0, jump)
@@ -294,8 +295,7 @@ def test_a_heading_alone_that_jumps_may_be_the_robots_that_was_turned() -> None:
 
 
 def test_a_robot_carried_unseen_is_found_where_the_only_sensor_has_it() -> None:
-    drive = Drive()
-    drive.go(10.0)
+    drive = after_10_s()
     carried = lambda m: m._replace(values=(m.values[0] + 1.0, *m.values[1:])) if m.sensor == "vicon" else m  # noqa: E731
     drive.go(KEEPS_FOR + 0.5, carried)
     assert drive.trust("vicon") == (True, "")
@@ -305,8 +305,7 @@ def test_a_robot_carried_unseen_is_found_where_the_only_sensor_has_it() -> None:
 
 @pytest.mark.parametrize("share", [0.8, 1.2, 1.5])
 def test_a_sensor_of_the_place_is_not_dropped_for_contradicting_the_wheels(share: float) -> None:
-    drive = Drive()
-    drive.go(10.0)
+    drive = after_10_s()
     slip = lambda m: m._replace(values=(share * m.values[0], share * m.values[1])) if m.sensor == "encoders" else m  # noqa: E731
     for _ in range(100):
         drive.go(0.02, slip)
@@ -317,8 +316,7 @@ def test_a_sensor_of_the_place_is_not_dropped_for_contradicting_the_wheels(share
 
 
 def test_a_drifting_sensor_of_the_place_is_followed_like_a_car_that_slides() -> None:
-    drive = Drive()
-    drive.go(10.0)
+    drive = after_10_s()
     begun = drive.cycle * 0.02
 
     def drift(m: Measurement) -> Measurement:
@@ -331,8 +329,7 @@ def test_a_drifting_sensor_of_the_place_is_followed_like_a_car_that_slides() -> 
 
 
 def test_a_frame_that_moves_as_no_car_slips_is_found_out_and_the_pose_put_back() -> None:
-    drive = Drive()
-    drive.go(10.0)
+    drive = after_10_s()
     begun = drive.cycle * 0.02
 
     def drift(m: Measurement) -> Measurement:
@@ -362,8 +359,7 @@ def aside(m: Measurement, most: float = inf) -> Measurement:
 
 
 def test_a_frame_that_was_found_to_move_is_not_believed_while_it_is_likely_to() -> None:
-    drive = Drive()
-    drive.go(10.0)
+    drive = after_10_s()
     found = False
     for _ in range(500):
         drive.go(0.02, aside)
@@ -376,8 +372,7 @@ def test_a_frame_that_was_found_to_move_is_not_believed_while_it_is_likely_to() 
 
 @pytest.mark.parametrize("wheels", [None, (float("nan"), 0.0)])
 def test_a_frame_that_stands_is_believed_again_without_wheels_too(wheels: tuple[float, float] | None) -> None:
-    drive = Drive()
-    drive.go(10.0)
+    drive = after_10_s()
     drive.go(3.0, aside)
     assert not drive.trust("vicon")[0]
     failing = lambda m: (wheels and m._replace(values=wheels)) if m.sensor == "encoders" else aside(m, 3.0)  # noqa: E731
@@ -387,8 +382,7 @@ def test_a_frame_that_stands_is_believed_again_without_wheels_too(wheels: tuple[
 
 @pytest.mark.parametrize("share", [0.8, 1.2])
 def test_wheels_that_slip_are_no_frame_that_moves(share: float) -> None:
-    drive = Drive()
-    drive.go(10.0)
+    drive = after_10_s()
     slip = lambda m: m._replace(values=(share * m.values[0], share * m.values[1])) if m.sensor == "encoders" else m  # noqa: E731
     drive.go(6.0, slip)
     assert drive.trust("vicon") == (True, "")
@@ -415,8 +409,7 @@ def test_wheels_that_lock_for_a_moment_do_not_stop_the_car() -> None:
 
 
 def test_a_gyro_that_errs_is_no_frame_that_moves() -> None:
-    drive = Drive()
-    drive.go(10.0)
+    drive = after_10_s()
     begun = drive.cycle * 0.02
     wrong = lambda m: m._replace(values=(m.values[0] + 0.05 * (m.time - begun),)) if m.sensor == "imu" else m  # noqa: E731
     drive.go(5.0, wrong)
@@ -424,8 +417,7 @@ def test_a_gyro_that_errs_is_no_frame_that_moves() -> None:
 
 
 def test_a_heading_against_the_gyro_is_taken_in_whatever_the_noise_of_the_place() -> None:
-    drive = Drive()
-    drive.go(10.0)
+    drive = after_10_s()
     jump = lambda m: m._replace(values=(m.values[0] + 1.0,)) if m.sensor == "imu" else m  # noqa: E731
     for _ in range(20):
         drive.go(0.02, jump)
