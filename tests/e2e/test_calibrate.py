@@ -25,7 +25,7 @@ from txt1.cli import execute
 from txt1.commands import FAULT, OK, USAGE
 from txt1.config import Config, checked, load
 from txt1.config.sources import with_values
-from txt1.errors import HalError, NotArmed
+from txt1.errors import ConfigError, HalError, NotArmed
 from txt1.experiments.calibration.bench import Bench
 from txt1.experiments.calibration.floor_steps import _locks
 from txt1.experiments.calibration.simulated_operator import SimulatedOperator, judge, passes, unknown_car
@@ -284,6 +284,22 @@ def test_a_length_of_nothing_is_asked_for_again_and_the_drive_still_counts() -> 
     run(calibrate(bench, ["circle"]), speed="max")
     assert slip.told == 4  # of a circle to the left and one to the right
     assert abs(bench.config.geometry.radius_min - config.geometry.radius_min) < 0.02
+
+
+class Stops(SimulatedOperator):
+    """An operator who ends it as soon as the vehicle moves."""
+
+    async def seen(self, key: str, text: str) -> None:
+        raise ConfigError("ended")
+
+
+@pytest.mark.parametrize("step", ["motor", "steering"])
+def test_a_movement_that_a_person_ends_finds_nothing(step: str) -> None:
+    config, hal = unknown("donkeycar", 3)
+    found: list[object] = []
+    with pytest.raises(ConfigError, match="ended"):
+        run(calibrate(Bench(config, Stops(hal, 3), opener(hal), found.append), [step]), speed="max")
+    assert not found and abs(hal.vehicle.motion[3]) < 1e-6
 
 
 class Hasty(SimulatedOperator):

@@ -156,6 +156,7 @@ async def _until_it_turns(hands: Hands, ask: Operator, name: str, sign: int, sid
                 if max(abs(now[0] - before[0]), abs(now[1] - before[1])) >= TURNED_COUNTS:
                     return sign * counts
             elif seeing is not None and seeing.done():
+                seeing.result()
                 return sign * counts
     finally:
         if seeing is not None:
@@ -238,6 +239,7 @@ async def _stop(ask: Operator, hands: Hands, axle: str, sign: int, turn: Callabl
         if not seeing.done():
             seeing.cancel()
             return sign * float(PWM_MAX)
+        seeing.result()
         turn(hands, sign * min(wire + FURTHER, PWM_MAX))
         await hands.wait(STEERING_TIME)
         further = await ask.choose(f"{axle}_further", f"Did the {axle} wheels jump further just now?", ("yes", "no"))

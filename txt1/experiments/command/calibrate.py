@@ -43,6 +43,9 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 HEAD: Final = (
     "# Found by txt1 calibrate, which goes on from here with the same --write; use it with --vehicle and this file.\n\n"
 )
+# answers of a person who agrees, and who does not
+AGREED: Final = ("", "y", "yes")
+REFUSED: Final = ("n", "no", "q", "quit")
 SENSORS: Final = "# Found by txt1 calibrate --sensors of a drive; use it with --config.\n\n"
 
 
@@ -356,12 +359,17 @@ class Person:
         print(_filled(text), flush=True)
 
     async def ready(self, key: str, text: str) -> None:
-        """Ask, and wait for Enter."""
-        await self._answer(f"{text} Enter when it is so: ")
+        """Ask until the answer is Enter or yes."""
+        while (answer := await self._answer(f"{text} Enter when it is so: ")).lower() not in AGREED:
+            if answer.lower() in REFUSED:
+                raise ConfigError(f"'{answer}': ended; the results so far are kept")
+            print(f"'{answer}' is none of Enter or yes to go on, no to end")
 
     async def seen(self, key: str, text: str) -> None:
-        """Wait for Enter."""
-        await self._answer(f"{text} ")
+        """Wait for Enter; another answer ends it, as the vehicle moves meanwhile."""
+        answer = await self._answer(f"{text} ")
+        if answer.lower() not in AGREED:
+            raise ConfigError(f"'{answer}' is not Enter: ended; the results so far are kept")
 
     async def choose(self, key: str, text: str, options: Sequence[str]) -> str:
         """Ask until the answer is the beginning of an option."""
