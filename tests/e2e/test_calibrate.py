@@ -246,6 +246,20 @@ def test_it_writes_a_vehicles_file_and_shows_before_and_after(
     assert '"armed": true' in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("more", [[], ["--step", "motor"]])
+def test_a_file_of_another_car_is_not_gone_on_with(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: Sequence[str]
+) -> None:
+    file = tmp_path / "mc.yaml"
+    file.write_text("geometry: {steering: front, counts_per_rev: 1024}\n")
+    before = file.read_text()
+    assert execute(["calibrate", "--vehicle", "donkeycar", "--seed", "3", "--write", str(file), *more]) == USAGE
+    told = capsys.readouterr().err
+    assert "of another car than --vehicle donkeycar: its geometry.wheelbase is" in told
+    assert f"go on with it by --vehicle {file}" in told and file.read_text() == before
+    assert execute(["calibrate", "--vehicle", str(file), "--seed", "3", "--write", str(file), "--step", "motor"]) == OK
+
+
 def test_mistakes_in_the_command_line_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, said in (
         ([], "add --write FILE"),

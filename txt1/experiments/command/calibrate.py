@@ -43,6 +43,8 @@ ENDLESS: Final = ("sim.room.length=.inf", "sim.room.width=.inf")
 HEAD: Final = (
     "# Found by txt1 calibrate, which goes on from here with the same --write; use it with --vehicle and this file.\n\n"
 )
+# what no step measures, so that it stays as the vehicle has it
+UNMEASURED: Final = ("steering", "wheelbase", "counts_per_rev")
 # answers of a person who agrees, and who does not
 AGREED: Final = ("", "y", "yes")
 REFUSED: Final = ("n", "no", "q", "quit")
@@ -106,6 +108,7 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"--write {file}: --vehicle takes files that end in .yaml; name it {file.stem}.yaml")
     base = arguments.vehicle
     if file.exists():
+        _belongs(arguments, file)
         arguments.vehicle = str(file)
     config = loaded(arguments, ENDLESS).config
     for name in arguments.step or ():
@@ -137,6 +140,23 @@ def main(arguments: argparse.Namespace) -> int:
             print(f"{file}: written, after {bench.driving:.0f} s of driving; drive with --vehicle {file}")
         if left:
             print(f"still to do: {', '.join(left)}; the same command goes on there")
+
+
+def _belongs(arguments: argparse.Namespace, file: Path) -> None:
+    """Raise ConfigError if a file that is there already is of another car than --vehicle."""
+    if arguments.vehicle is None:
+        return
+    named, there = (
+        loaded(argparse.Namespace(**vars(arguments) | {"vehicle": name}), ENDLESS).config.geometry
+        for name in (arguments.vehicle, str(file))
+    )
+    for name in UNMEASURED:
+        if getattr(named, name) != getattr(there, name):
+            raise ConfigError(
+                f"--write {file}: it is there, and of another car than --vehicle {arguments.vehicle}: its geometry.{name} "
+                f"is {getattr(there, name)}, not {getattr(named, name)}; go on with it by --vehicle {file}, or choose "
+                "another file"
+            )
 
 
 def _donkeycar(arguments: argparse.Namespace) -> int:
@@ -174,6 +194,8 @@ def _radio(arguments: argparse.Namespace) -> int:
         raise ConfigError("--rc: calibrate asks questions: it needs a terminal")
     if arguments.rc == BOARD:
         arguments.set = [*arguments.set, "rc.port=board", "rc.protocol=pwm"]
+    if file.exists():
+        _belongs(arguments, file)
     config = loaded(arguments).config
     tree = _tree(str(file) if file.exists() else config.vehicle)
     person = Person()
