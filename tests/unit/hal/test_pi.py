@@ -1235,8 +1235,8 @@ def test_a_guard_that_cannot_begin_puts_nothing_out_and_says_why(
         ("OSError: [Errno 121]", {"address": 0x41}, "nothing answers at 0x41: check wiring, power and hal_options"),
         ("OSError: another robot drives", {}, "end it first: one robot drives a servo board"),
         ("lgpio.error: 'GPIO busy'", {}, "another program has the pins: end it"),
-        ("ImportError: No module named 'smbus2'", {}, f"{installs('pi')}"),
-        ("ImportError: No module named 'lgpio'", {}, f"{installs('pi')}; from Python 3.13 on"),
+        ("ImportError: No module named 'smbus2'", {}, f"{installs('devices')}"),
+        ("ImportError: No module named 'lgpio'", {}, f"{installs('devices')}; from Python 3.13 on"),
     ],
 )
 def test_each_reason_why_a_guard_cannot_begin_has_its_remedy(error: str, options: dict[str, Any], remedy: str) -> None:

@@ -31,8 +31,8 @@ def findings(config: Config, devices: Path = Path("/dev")) -> Iterator[Finding]:
         return
     gpio = options.get("output") == "gpio"
     for module, needed, get in (
-        ("smbus2", not gpio or options.get("battery", "none") != "none", installs("pi")),
-        ("lgpio", gpio or bool(options.get("encoders")), f"{installs('pi')}; {GET_LGPIO}"),
+        ("smbus2", not gpio or options.get("battery", "none") != "none", installs("devices")),
+        ("lgpio", gpio or bool(options.get("encoders")), f"{installs('devices')}; {GET_LGPIO}"),
     ):
         if needed:
             yield judged("extra", module, find_spec(module) is not None, f"it is missing: {get}")

@@ -350,7 +350,7 @@ def explain(setup: GuardSetup, error: str) -> str:
     elif "busy" in error:
         remedy = "another program has the pins: end it"
     elif "No module" in error:
-        remedy = f"{installs('pi')}; {GET_LGPIO}" if "lgpio" in error else installs("pi")
+        remedy = f"{installs('devices')}; {GET_LGPIO}" if "lgpio" in error else installs("devices")
     return f"{remedy}: the outputs on {where} cannot be opened ({error})"
 
 

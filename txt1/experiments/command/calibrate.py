@@ -153,8 +153,8 @@ def _belongs(arguments: argparse.Namespace, file: Path) -> None:
     for name in UNMEASURED:
         if getattr(named, name) != getattr(there, name):
             raise ConfigError(
-                f"--write {file}: it is there, and of another car than --vehicle {arguments.vehicle}: its geometry.{name} "
-                f"is {getattr(there, name)}, not {getattr(named, name)}; go on with it by --vehicle {file}, or choose "
+                f"--write {file}: it is there, and of another car than --vehicle {arguments.vehicle}: its "
+                f"geometry.{name} is {getattr(there, name)}, not {getattr(named, name)}; go on with it by --vehicle {file}, or choose "
                 "another file"
             )
 
