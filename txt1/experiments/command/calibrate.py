@@ -154,8 +154,8 @@ def _belongs(arguments: argparse.Namespace, file: Path) -> None:
         if getattr(named, name) != getattr(there, name):
             raise ConfigError(
                 f"--write {file}: it is there, and of another car than --vehicle {arguments.vehicle}: its "
-                f"geometry.{name} is {getattr(there, name)}, not {getattr(named, name)}; go on with it by --vehicle {file}, or choose "
-                "another file"
+                f"geometry.{name} is {getattr(there, name)}, not {getattr(named, name)}; go on with it by "
+                f"--vehicle {file}, or choose another file"
             )
 
 
