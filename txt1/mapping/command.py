@@ -71,6 +71,11 @@ def main(arguments: argparse.Namespace) -> int:
         output = output.with_suffix("")
     source = _source(arguments)
     mapper, drives = _begun(arguments, output, source.alone)
+    if _repeats(mapper, source.sweeps):
+        raise ConfigError(
+            f"{arguments.file}: this drive is on the map {output}.yaml already; --again makes the map again and "
+            "compares, --new begins a new one, -o NAME another"
+        )
     mapper, closed, odometry = _mapped(mapper, source, arguments.file)
     if not mapper.placed:
         raise ConfigError(
@@ -135,6 +140,20 @@ def _begun(arguments: argparse.Namespace, output: Path, alone: bool) -> tuple[Ma
         return Mapper(odometry=ALONE if alone else None), []
     mapper, told = graph_file.load(there)
     return mapper, list(told.get("drives", []))
+
+
+def _repeats(mapper: Mapper, sweeps: list[Sweep]) -> bool:
+    """Return whether the map has scans of this drive, more than the one of a start that several drives may share."""
+    import numpy as np
+
+    from txt1.mapping.matcher import cloud_of
+
+    taken = {sweep.time: sweep.points for sweep in sweeps}
+    alike = 0
+    for key in mapper.keys:
+        points = taken.get(key.time)
+        alike += points is not None and np.array_equal(cloud_of(points, mapper.loops).points, key.cloud.points)
+    return alike > 1
 
 
 def _mapped(mapper: Mapper, source: ScanLog, file: Path) -> tuple[Mapper, int, NDArray[np.float64]]:

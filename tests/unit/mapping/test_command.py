@@ -8,10 +8,11 @@ import pytest
 
 from txt1.cli import execute
 from txt1.errors import ConfigError
-from txt1.mapping import command
+from txt1.mapping import command, graph_file, sweeps
 from txt1.mapping.poses import accumulated, composed, difference
 from txt1.mapping.sweeps import Sweep, Sweeper, awry
 from txt1.maps import files
+from txt1.record.reader import robot_in
 from txt1.sensors.readings import Mount, Scan
 
 RUN = (
@@ -60,7 +61,9 @@ def test_it_is_made_again_to_the_same_bytes(drive, room, capsys):
 
 
 @pytest.mark.long
-def test_a_later_drive_extends_it(drive, room, tmp_path, capsys):
+def test_a_later_drive_extends_it_and_the_same_drive_does_not(room, tmp_path, capsys):
+    drive = tmp_path / "drive.mcap"  # of the same name
+    assert execute([*RUN, "--seed", "2", "--duration", "9", "--log", str(drive)]) == 0
     for suffix in (".graph", ".pgm", ".svg", ".yaml"):
         (tmp_path / f"room{suffix}").write_bytes(Path(f"{room}{suffix}").read_bytes())
     before = (tmp_path / "room.graph").stat().st_size
@@ -70,6 +73,27 @@ def test_a_later_drive_extends_it(drive, room, tmp_path, capsys):
     assert abs(old.cells.shape[0] - new.cells.shape[0]) <= 3 and abs(old.cells.shape[1] - new.cells.shape[1]) <= 3
     assert execute(["map", str(drive), "-o", str(tmp_path / "room"), "--again"]) != 0
     assert "several drives" in capsys.readouterr().err
+    both = (tmp_path / "room.graph").read_bytes()
+    assert execute(["map", str(drive), "-o", str(tmp_path / "room")]) == 2
+    assert (tmp_path / "room.graph").read_bytes() == both
+
+
+def test_the_same_drive_is_not_mapped_twice(drive, room, capsys):
+    before = Path(f"{room}.graph").read_bytes()
+    assert execute(["map", str(drive), "-o", str(room)]) == 2
+    told = capsys.readouterr().err
+    assert f"this drive is on the map {room}.yaml already; --again" in told
+    assert Path(f"{room}.graph").read_bytes() == before
+
+
+def test_a_drive_with_the_same_start_is_another_drive(drive, room, tmp_path):
+    start = tmp_path / "start.mcap"
+    words = [each if each != "0.6,0.5" else "0.6,-0.5" for each in RUN]
+    assert execute([*words, "--seed", "1", "--duration", "4", "--log", str(start)]) == 0
+    mapper, _ = graph_file.load(Path(f"{room}.graph"))
+    scans, first = (sweeps.read(file, robot_in(file, None)).sweeps for file in (start, drive))
+    assert len(scans) > 20 and np.array_equal(scans[0].points, first[0].points)
+    assert not command._repeats(mapper, scans)  # noqa: SLF001
 
 
 @pytest.mark.parametrize(
