@@ -247,6 +247,8 @@ def test_a_key_below_a_value_is_refused() -> None:
         ("hal", "''", "''", "at least 1 character"),
         ("hal_options", "3", "3", "valid dictionary"),
         ("geometry.wheelbase", "0", "0", "greater than 0"),
+        ("geometry.wheelbase", "26", "26", "less than or equal to 3 m; lengths are in metres"),
+        ("geometry.track_width", "20", "20", "less than or equal to 3 m; lengths are in metres"),
         ("geometry.counts_per_rev", "0.5", "0.5", "valid integer"),
         ("safety.v_max", "10.1", "10.1", "less than or equal to 10"),
         ("safety.v_max", "0", "0", "greater than 0"),

@@ -342,6 +342,8 @@ def _explain(error: ValidationError, origins: Mapping[str, str], prefix: str = "
         tag = first["ctx"].get("tag")
         wrong = "it has no kind" if tag is None else f"there is no kind {tag!r}"
         message = f"{wrong}; give kind: box or kind: post"
+    if first["type"] == "less_than_equal" and key.startswith("geometry."):
+        message += " m; lengths are in metres"
     message = message[0].lower() + message[1:]
     # a list or a mapping is long, and the message names the wrong part of it
     given = "" if isinstance(first["input"], dict | list | tuple | BaseModel) else f": {first['input']!r}"

@@ -4,10 +4,12 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
-from annotated_types import Ge
+from annotated_types import Ge, Gt, Le
 
 from txt1.units import Positive
 
+# m, of a vehicle's part; the largest is beyond each such car, so a length in cm or mm is noticed
+Length = Annotated[float, Gt(0.0), Le(3.0)]
 # counts from neutral (1.5 ms) to either end (1 ms, 2 ms) of a channel's pulse
 PWM_MAX: Final = 24000
 # the learning robot's speed, m/s (table 5.2)
@@ -32,17 +34,17 @@ class Geometry:
     """Steered wheels: both axles, as the TXT-1's; front; or skid: none steers, and the sides run at two speeds."""
     radius_min: Positive = 0.56
     """Minimum turning radius R_min, m (thesis 2.2.3); for sides at two speeds that of planned paths."""
-    wheelbase: Positive = 0.34
+    wheelbase: Length = 0.34
     """Distance between the axles, m; assumed."""
-    track_width: Positive = 0.25
+    track_width: Length = 0.25
     """Distance between the encoder wheels, m."""
-    circumference: Positive = 0.5125
+    circumference: Length = 0.5125
     """Circumference of a tyre, m (thesis 3.7.1)."""
     counts_per_rev: Annotated[int, Ge(0)] = 1600
     """Encoder counts per wheel revolution: 400 CPR in quadrature; 0: no encoders."""
-    length: Positive = 0.510
+    length: Length = 0.510
     """Length of the body, m."""
-    width: Positive = 0.385
+    width: Length = 0.385
     """Width of the body, m."""
     centre: float = 0.0
     """Distance of the body's centre ahead of the pose, m."""
