@@ -223,7 +223,8 @@ def _spread(field: Any, more: int) -> Any:
 
 def cloud_of(points: Array, loops: Kernels) -> Cloud:
     """Return the cloud of points in the order of the beams, in the laser's frame, m."""
-    return Cloud(*loops.thin(np.ascontiguousarray(points), CLOUD_SPACING, BROKEN))
+    # points that came over a line are read-only, a type of its own, for which the loop would be compiled in the drive
+    return Cloud(*loops.thin(np.require(points, requirements=("C", "W")), CLOUD_SPACING, BROKEN))
 
 
 def joined(clouds: list[Cloud], poses: Array) -> Cloud:

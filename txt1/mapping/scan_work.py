@@ -249,6 +249,9 @@ def warm() -> None:
 
     prepare()
     locator = Locator(grid, 0, count=10)
+    # it searches the whole map first
+    for k in range(6):
+        locator.update(0.5 * k, placed((0.0, 0.0, pi * radians(k)), points), (0.0, 0.0, 0.0))
     locator.place((0.0, 0.0, 0.0))
     for k in range(3):
-        locator.update(0.1 * k, placed((0.0, 0.0, pi * radians(k)), points), (0.0, 0.0, 0.0))
+        locator.update(3.0 + 0.1 * k, placed((0.0, 0.0, pi * radians(k)), points), (0.0, 0.0, 0.0))

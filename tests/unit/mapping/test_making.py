@@ -1,12 +1,14 @@
 """`txt1 run --map`: a map is made while a simulated robot drives; files, recordings, replays, and what is refused."""
 
 import asyncio
+import gc
 import signal
 import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core.dispatcher import Dispatcher
 
 from tests.unit.mapping.rooms import drive, room, scan
 from txt1.cli import execute
@@ -20,6 +22,7 @@ from txt1.mapping.worker import Far
 from txt1.maps import files
 from txt1.record.command.view import viewable
 from txt1.record.reader import Decoding, FilePass
+from txt1.telemetry import exact
 
 RUN = (
     *("run", "--hal", "sim", "--headless", "--speed", "max", "--drive", "0.5,0.45"),
@@ -34,6 +37,28 @@ def tasks(count: int) -> list[scan_work.ScanTask]:
         scan_work.ScanTask(Sweep(0.1 * k, scan(there, pose, rng), np.array(pose), np.array(pose)), MOUNT)
         for k, pose in enumerate(drive(1.0)[:count])
     ]
+
+
+def machine_code() -> dict[str, int]:
+    """How many types of arguments each compiled loop has machine code for."""
+    loops = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+    return {each.__name__: len(each.signatures) for each in loops if each.signatures}
+
+
+def test_scans_from_the_other_process_need_no_more_compiling(tmp_path):
+    scan_work.warm()
+    before = machine_code()
+    scans = [exact.decode(scan_work.ScanTask, exact.encode(task)) for task in tasks(30)]
+    making = scan_work.Mapping(tmp_path / "room", 0.05)
+    for task in scans:
+        making.take(task)
+    making.finish()
+    searching = scan_work.locating(str(tmp_path / "room"), 0)
+    for task in scans:
+        searching.take(task)
+    loops = {"thin", "stamp", "search", "listed", "align", "carve", "bounds_of", "refined", "_weigh"}
+    after = machine_code()
+    assert loops <= set(before) and {name: after[name] for name in loops} == {name: before[name] for name in loops}
 
 
 def test_a_map_is_made_while_driving_and_the_run_verifies(tmp_path, capsys):
