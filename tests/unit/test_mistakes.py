@@ -24,6 +24,7 @@ MISTAKES = (
     Mistake("rnu", ("'rnu'", "did you mean 'run'?", "txt1 --help")),
     Mistake("--fly", ("--help",)),
     Mistake("run --fly", ("--fly", "txt1 run --help")),
+    Mistake("run --hedless", ("--hedless", "did you mean '--headless'?", "txt1 run --help")),
     Mistake("config", ("ACTION", "txt1 config --help")),
     Mistake("log catt first.mcap", ("'catt'", "cat")),
     Mistake("run fast", ("fast", "--help")),
@@ -73,6 +74,10 @@ MISTAKES = (
     Mistake(f"{RUN} --config FOLDER", ("FOLDER", "directory")),
     Mistake(f"{RUN} --config FOLDER/broken.yaml", ("broken.yaml:3:1", "not valid YAML")),
     Mistake(f"{RUN} --config FOLDER/binary", ("binary", "UTF-8")),
+    Mistake("config check FOLDER/none.yam", ("argument FILE", "none.yam", "check the name")),
+    Mistake("log info FOLDER/tub", ("FOLDER/tub", "directory", "txt1 teach"), 1),
+    Mistake("report FOLDER/tub", ("FOLDER/tub", "directory", "txt1 teach"), 1),
+    Mistake(f"{RUN} --source FOLDER/typo.yaml", ("typo.yaml", "FILE.onnx", "txt1 teach")),
     Mistake("config check FOLDER/typo.yaml", ("safety.v_mx", "did you mean 'safety.v_max'")),
     Mistake(f"{RUN} --policy FOLDER/none.json", ("none.json", "there is no file")),
     Mistake(f"{RUN} --policy FOLDER/typo.yaml", ("typo.yaml", "no Q-table", "txt1 learn"), 1),
@@ -114,6 +119,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00\x80" * 8)
     (tmp_path / "empty.mcap").write_bytes(b"")
     (tmp_path / "first.mcap").write_bytes(b"")
+    (tmp_path / "tub").mkdir()
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.words.replace(RUN, "run"))

@@ -186,7 +186,9 @@ def parsed(argv: Sequence[str]) -> argparse.Namespace:
         actions = command.get_default("parsers") or {}
         asked = next((actions[word] for word in words if word in actions), command)
         late = "; options come first" if "--" in unknown else ""
-        asked.error(f"unrecognized arguments: {' '.join(unknown)}{late}")
+        near = get_close_matches(unknown[0], [each for action in asked._actions for each in action.option_strings], 1)  # noqa: SLF001
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        asked.error(f"unrecognized arguments: {' '.join(unknown)}{hint}{late}")
     return arguments
 
 

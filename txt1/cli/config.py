@@ -4,14 +4,15 @@ import argparse
 import json
 import os
 
-from txt1.commands import OK, add_actions, takes
+from txt1.commands import OK, add_actions, existing, takes
 from txt1.config import completed, flatten, load, origin_of
 from txt1.kit.options import CONFIGURATION, VEHICLE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the actions."""
-    add_actions(parser, {"show": (show, CONFIGURATION | VEHICLE), "check": (check, {"file": takes("FILE")})})
+    file = {"file": takes("FILE", kind=existing)}
+    add_actions(parser, {"show": (show, CONFIGURATION | VEHICLE), "check": (check, file)})
 
 
 def show(arguments: argparse.Namespace) -> int:

@@ -128,7 +128,8 @@ class FilePass:
                 self._left = UNPACKED_MAX + UNPACKED_SHARE * size
                 yield from self._records(file, size)
         except OSError as error:
-            raise RecordingError(f"{self.path}: cannot read it: {error.strerror}; check the name") from None
+            remedy = "'txt1 teach' reads a donkeycar's tub" if self.path.is_dir() else "check the name"
+            raise RecordingError(f"{self.path}: cannot read it: {error.strerror}; {remedy}") from None
 
     def _records(self, file: IO[bytes], size: int) -> Iterator[McapRecord]:
         magic = file.read(len(MCAP0_MAGIC))

@@ -25,6 +25,8 @@ def asked(arguments: Namespace, config: Config) -> Policy | ForeignPolicy | None
     """
     source = getattr(arguments, "source", None)
     if source is None or not source.endswith(SUFFIX):
+        if source is not None and Path(source).suffix and Path(source).is_file():
+            raise ConfigError(f"--source {source}: a file that drives is a policy, FILE.onnx, as txt1 teach makes it")
         if arguments.card is not None:
             raise ConfigError("--card: it describes a policy; add --source FILE.onnx")
         return None

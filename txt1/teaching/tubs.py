@@ -166,9 +166,12 @@ def _times(records: Sequence[Record]) -> tuple[list[float], str]:
     """Return the times of records, s, which rise, and a remark if they are not the records' own."""
     given = [record.time for record in records]
     steps = [b - a for a, b in pairwise(given) if a is not None and b is not None]
-    if len(steps) < len(records) - 1 or (steps and float(np.median(steps)) < RECORD_PERIOD_MIN):
+    incomplete, usual = len(steps) < len(records) - 1, float(np.median(steps)) if steps else RECORD_PERIOD_MIN
+    if incomplete or usual < RECORD_PERIOD_MIN:
         times = [record.number / DRIVE_LOOP_RATE for record in records]
-        return times, f"has no times of its own, so {DRIVE_LOOP_RATE:g} records a second are assumed"
+        apart = f"has times {1e3 * usual:.3g} ms apart, which cannot be right"
+        why = "has no times of its own" if incomplete else apart
+        return times, f"{why}, so {DRIVE_LOOP_RATE:g} records a second are assumed"
     times, last = [], 0.0
     for number, time in enumerate(given):
         step = 0.0 if number == 0 else time - given[number - 1]  # type: ignore[operator]

@@ -115,10 +115,16 @@ def test_deleted_records_and_those_of_others_are_left_out(make: Make, tmp_path: 
     assert found.taught.left_out.keys() == {"'local' drove", "stood", "reversed", "deleted", "no picture"}
 
 
-def test_a_converted_tub_without_times_of_its_own_counts_twenty_records_a_second(tmp_path: Path) -> None:
-    found = lessons(version_2(tmp_path / "tub", [record(index) for index in range(200)], step=4))
+@pytest.mark.parametrize(
+    ("without", "told"),
+    [({"_timestamp_ms": None}, "no times of its own"), ({}, "times 4 ms apart, which cannot be right")],
+)
+def test_a_converted_tub_without_usable_times_counts_twenty_records_a_second(
+    tmp_path: Path, without: dict[str, Any], told: str
+) -> None:
+    found = lessons(version_2(tmp_path / "tub", [record(index) | without for index in range(200)], step=4))
     assert found.taught.seconds == pytest.approx(9.95)
-    assert any("no times of its own, so 20 records a second are assumed" in line for line in summary(found))
+    assert any(f"{told}, so 20 records a second are assumed" in line for line in summary(found))
 
 
 def test_a_pause_and_a_new_session_are_no_driving(tmp_path: Path) -> None:
