@@ -307,12 +307,14 @@ class Stops(SimulatedOperator):
         raise ConfigError("ended")
 
 
-@pytest.mark.parametrize("step", ["motor", "steering"])
-def test_a_movement_that_a_person_ends_finds_nothing(step: str) -> None:
+@pytest.mark.parametrize(
+    ("step", "own_loops"), [("motor", False), ("steering", False), ("circle", False), ("circle", True)]
+)
+def test_a_movement_that_a_person_ends_finds_nothing(step: str, own_loops: bool) -> None:
     config, hal = unknown("donkeycar", 3)
     found: list[object] = []
     with pytest.raises(ConfigError, match="ended"):
-        run(calibrate(Bench(config, Stops(hal, 3), opener(hal), found.append), [step]), speed="max")
+        run(calibrate(Bench(config, Stops(hal, 3), opener(hal), found.append, own_loops), [step]), speed="max")
     assert not found and abs(hal.vehicle.motion[3]) < 1e-6
 
 

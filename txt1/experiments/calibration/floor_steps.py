@@ -270,8 +270,8 @@ async def _go_round(bench: Bench, sign: int) -> tuple[Counts, Counts]:
             seeing = asyncio.ensure_future(bench.operator.seen("round", about))
             try:
                 await asyncio.wait((driving, seeing), return_when=asyncio.FIRST_COMPLETED)
-                if driving.done():
-                    driving.result()
+                for done in filter(asyncio.Future.done, (driving, seeing)):
+                    done.result()
             finally:
                 driving.cancel()
                 seeing.cancel()
