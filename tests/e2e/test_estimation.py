@@ -193,7 +193,10 @@ def in_the_filter(estimator: Estimator, now: float) -> None:
     def judge(**_: bool) -> None:
         raise ValueError("a mistake\nin the filter")
 
-    estimator.fusion.vote.compare = judge  # type: ignore[method-assign]
+    try:
+        estimator.fusion.vote.compare = judge  # type: ignore[method-assign]
+    except AttributeError:
+        pytest.skip("did not run: a compiled method cannot be replaced")
 
 
 def in_a_reading(estimator: Estimator, now: float) -> None:
