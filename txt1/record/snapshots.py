@@ -11,7 +11,7 @@ from txt1.errors import RecordingError
 from txt1.hal.base import Outputs
 from txt1.kernel.clock import NS_PER_S
 from txt1.model.odometry import Odometry
-from txt1.record.reader import Decoding, FilePass, robot_in
+from txt1.record.reader import Decoding, FilePass, check_own, robot_in
 from txt1.tasks.controller import GAINS, PWM, SETPOINT
 from txt1.tasks.encoder import ENCODERS, ODOMETRY, POSE
 from txt1.tasks.fields import EVENTS, LOG, VEHICLES, Control, Encoders, Event
@@ -72,6 +72,7 @@ class Snapshots:
         if ODOMETRY.name in latest:
             self._steps.append((shown, _values(latest, tuple(events))))
         if not self._recorded or not self._steps:
+            check_own(path)
             raise RecordingError(f"{path}: no snapshots in it for the screens; was it recorded by txt1, for a second?")
         self.start, self.end = self._steps[0][0], self._steps[-1][0]
 

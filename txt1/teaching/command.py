@@ -72,6 +72,10 @@ def main(arguments: argparse.Namespace) -> int:
         raise ConfigError("teach: name recordings, or --more recordings --from policy.onnx")
     if arguments.before is not None and not (arguments.more or arguments.files):
         raise ConfigError("--from: add --more, the recordings that are to be learned from besides")
+    from txt1.record.reader import check_own
+
+    for file in arguments.files:
+        check_own(file)
     if arguments.before is None and arguments.see is None:
         raise ConfigError("--see: name its sensors: laser, camera or light")
     if arguments.networks > 16:

@@ -203,3 +203,11 @@ def test_the_tutorial_runs_as_it_stands(ros1: Path, tmp_path: Path, monkeypatch:
     for words in typed:
         assert execute(shlex.split(words)) == 0
     assert (tmp_path / "room.yaml").exists() and (tmp_path / "front.graph").exists()
+
+
+@pytest.mark.parametrize("words", [["replay"], ["teach"], ["calibrate", "--sensors"]])
+def test_commands_that_have_to_know_the_robot_refuse_a_bag(
+    words: list[str], ros1: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert execute([*words, str(ros1)]) == 1
+    assert "no configuration in it: it is a bag of ROS" in capsys.readouterr().err
