@@ -6,10 +6,11 @@ It is imported when a name is wrong.
 import difflib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Final
 
 from txt1.errors import ConfigError, MissingPlugin
-from txt1.installing import installs_plugin
+from txt1.installing import installs_package, installs_plugin
 
 COMMANDS: Final = "commands"
 OPTIONS: Final = "options of txt1 run"
@@ -57,6 +58,8 @@ def part(kind: str, group: str, key: str, name: str, installed: Collection[str])
     plugins = brought(group)
     if name in plugins:
         return MissingPlugin(f"{key}: the {kind} '{name}'", plugins[name])
+    if group == "txt1.hal" and Path(name, "pyproject.toml").exists():
+        return ConfigError(f"{key}: the {kind} '{name}' is not installed: {installs_package(f'./{name}', '-e ')}")
     near = difflib.get_close_matches(name, {**dict.fromkeys(installed), **plugins}, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ""
     return ConfigError(f"{key}: there is no {kind} '{name}'; installed: {', '.join(installed) or 'none'}{hint}")

@@ -533,7 +533,10 @@ def test_the_robots_file_comments_every_setting() -> None:
 def test_the_options_of_a_part_are_checked_as_the_configuration_is() -> None:
     assert checked(Noise, {"drag": 0.1}, "learning.options") == Noise(drag=0.1)
     for options, message in (
-        ({"drags": 1}, "learning.options.drags: 1: unknown key (from learning.options)"),
+        (
+            {"drags": 1},
+            "learning.options.drags: unknown key (from learning.options); did you mean 'learning.options.drag'?",
+        ),
         ({"drag": -1}, "learning.options.drag: -1: input should be greater than or equal to 0 (from learning.options)"),
     ):
         with pytest.raises(ConfigError) as error:

@@ -47,6 +47,7 @@ MISTAKES = (
     Mistake(f"{RUN} --set safety.v_max=-1", ("safety.v_max", "-1")),
     Mistake(f"{RUN} --set speed", ("--set speed", "key=value")),
     Mistake(f"{RUN} --set sim.start=[9,9,0]", ("sim.start", "9", "another start")),
+    Mistake(f"{RUN} --hal vesc --set hal_options.pol_pairs=2", ("hal_options.pol_pairs", "did you mean")),
     Mistake(f"{RUN} --hal robot", ("'robot'", "sim")),
     Mistake(f"{RUN} --vehicle tank", ("tank", "f1tenth")),
     Mistake(f"{RUN} --bridge fax", ("'fax'", "bridge", "installed:")),
@@ -132,3 +133,10 @@ def test_a_mistake_is_told_in_one_line_with_thing_value_and_remedy(
     assert err.startswith("txt1: ") and err.count("\n") == 1
     assert "Traceback" not in err
     assert [word for word in mistake.told if word.replace("FOLDER", str(tmp_path)) not in err] == []
+
+
+def test_a_hal_in_a_folder_that_is_not_installed_is_told_with_its_remedy(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert execute(["hal", "new", "mycarhere"]) == 0
+    assert execute(["hal", "check", "mycarhere"]) == 2
+    assert "-e ./mycarhere" in capsys.readouterr().err

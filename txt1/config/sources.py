@@ -126,6 +126,12 @@ def checked(kind: type[T], options: Mapping[str, Any], key: str) -> T:
     try:
         return cast("T", getattr(model.model_validate({name: options}), name))
     except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        if first["type"] == "unexpected_keyword_argument" and len(first["loc"]) == 2:
+            from txt1.unknown import setting as unknown
+
+            path = (*key.split("."), str(first["loc"][1]))
+            raise unknown(path, len(path) - 1, _keys(kind), key, "") from None
         raise ConfigError(_explain(error, {key: key}, key.removesuffix(name))) from None
 
 
