@@ -61,6 +61,7 @@ def read(path: Path, scan: str | None = None, odometry: str | None = None) -> Ba
         if scans is None:
             there = ", ".join(f"{each.name} ({each.kind})" for each in bag.topics) or "none"
             raise BagError(f"{path}: no topic of {SCANS} in it; there are: {there}")
+        others = [each.name for each in bag.topics if each.kind == SCANS and each.messages and each.name != scans]
         wheels = bag.chosen(odometry, "--odometry", ODOMETRY)
         transforms = [each for each in (STATIC, MOVING) if each in bag.of_kind(*TRANSFORMS)]
         found = _first_pass(bag, scans, wheels, transforms)
@@ -79,8 +80,9 @@ def read(path: Path, scan: str | None = None, odometry: str | None = None) -> Ba
         where = (
             f"taken to be at the robot's origin, as no transform leads from its frame '{found.laser}' to the robot's"
         )
+    choice = f" (--scan: also {', '.join(others)})" if others else ""
     return BagDrive(
-        sweeps, f"scans: {scans}; odometry: {by}; the laser is {where}", wheels is None and not found.moving
+        sweeps, f"scans: {scans}{choice}; odometry: {by}; the laser is {where}", wheels is None and not found.moving
     )
 
 
