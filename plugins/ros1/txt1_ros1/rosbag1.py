@@ -52,7 +52,8 @@ def export(items: Iterable[Item], file: Path) -> int:
         bag = Writer(file)
         bag.open()
     except WriterError as error:
-        raise ConfigError(f"{file}: {error}; choose another name") from None
+        told = "is there already" if file.exists() else str(error)
+        raise ConfigError(f"{file}: {told}; choose another name with -o") from None
     try:
         count = _write(items, bag)
         bag.close()
