@@ -81,7 +81,7 @@ def map_pose(robot: Robot) -> PoseSource:
     """
     there = robot.runtime.part(MapInUse)
     if there is None:
-        raise NotCapable("there is no map: give --in MAP, or --map NAME")
+        raise NotCapable("there is no map: give --in MAP or --map NAME; in a program set mapping.room or mapping.make")
 
     def read() -> Pose | None:
         found = there.pose()
