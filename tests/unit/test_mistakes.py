@@ -135,7 +135,9 @@ def test_a_mistake_is_told_in_one_line_with_thing_value_and_remedy(
     assert [word for word in mistake.told if word.replace("FOLDER", str(tmp_path)) not in err] == []
 
 
-def test_a_hal_in_a_folder_that_is_not_installed_is_told_with_its_remedy(tmp_path, monkeypatch, capsys) -> None:
+def test_a_hal_in_a_folder_that_is_not_installed_is_told_with_its_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert execute(["hal", "new", "mycarhere"]) == 0
     assert execute(["hal", "check", "mycarhere"]) == 2

@@ -131,7 +131,7 @@ def checked(kind: type[T], options: Mapping[str, Any], key: str) -> T:
             from txt1.unknown import setting as unknown
 
             path = (*key.split("."), str(first["loc"][1]))
-            raise unknown(path, len(path) - 1, _keys(kind), key, "") from None
+            raise unknown(path, len(path) - 1, _keys(cast("Any", kind)), key, "") from None
         raise ConfigError(_explain(error, {key: key}, key.removesuffix(name))) from None
 
 

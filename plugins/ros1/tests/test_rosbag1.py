@@ -28,7 +28,7 @@ def test_a_bag_of_ros_1_has_every_message_for_others(tmp_path: Path, capsys: pyt
         read = [reader.deserialize(data, connection.msgtype) for connection, _, data in reader.messages(odometry)]
         assert read[-1].twist.twist.linear.x == pytest.approx(0.5, abs=0.1)  # type: ignore[attr-defined]
     assert execute(["log", "export", "--rosbag1", str(file)]) == 2, "what is there is not overwritten"
-    assert "choose another name" in capsys.readouterr().err
+    assert f"{bag}: is there already; choose another name with -o" in capsys.readouterr().err
 
 
 def test_every_message_is_one_of_ros_1_too() -> None:
