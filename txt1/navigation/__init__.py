@@ -10,7 +10,16 @@
 from txt1.model.reeds_shepp import Pose
 from txt1.navigation.goto import Arrival, go_to, go_to_places
 from txt1.navigation.plan import NoPath, plan
-from txt1.navigation.pose_source import PoseSource, best_pose, fused_pose, map_floor, map_pose, true_pose, wheel_pose
+from txt1.navigation.pose_source import (
+    PoseSource,
+    best_pose,
+    fused_pose,
+    located,
+    map_floor,
+    map_pose,
+    true_pose,
+    wheel_pose,
+)
 from txt1.navigation.waypoints import follow
 
 __all__ = [
@@ -23,6 +32,7 @@ __all__ = [
     "fused_pose",
     "go_to",
     "go_to_places",
+    "located",
     "map_floor",
     "map_pose",
     "plan",
